@@ -1,0 +1,53 @@
+# All commands run in .venv, which the first one sets up.
+
+PYTHON ?= python3
+DEMO = out/demo
+PY = .venv/bin/python
+PIP = $(PY) -m pip --disable-pip-version-check
+PINNED = -qq -c .ci/constraints.txt
+
+.PHONY: help demo test benchmark clean
+
+help:  ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
+
+demo: .venv/.ready  ## simulate a recording of a sphere, recover its normals and reflectance, compare
+	$(PY) -m evsdr.simulate scenes/sphere_pole.xml --out $(DEMO)
+	$(PY) -m evsdr.fit scenes/sphere_pole.xml $(DEMO)/events.h5 --truth $(DEMO)/truth.npz --out $(DEMO)/fit
+
+test: .venv/.ready-test  ## run all tests
+	$(PY) -m pytest
+
+benchmark: .venv/.ready-test  ## measure accuracy and speed
+	$(PY) -m experiments.benchmark
+
+clean:  ## remove the environment, the demo's results and what builds leave
+	rm -rf .venv $(DEMO) build evsdr.egg-info .pytest_cache
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+.venv/.ready: pyproject.toml .ci/constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' \
+	|| { echo "evsdr needs Python 3.10 or newer; name one by: make PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
+	|| { echo "$(PYTHON) has no venv module; install it: sudo apt-get install python3-venv" >&2; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(PIP) install $(PINNED) --upgrade pip setuptools
+	$(PIP) install $(PINNED) --no-build-isolation --editable .
+	@$(PY) -m evsdr.jit 2>/dev/null || { $(GET_LLVM); $(PY) -m evsdr.jit || { rm -rf .venv/llvm; exit 1; }; }
+	@touch $@
+
+.venv/.ready-test: .venv/.ready
+	$(PIP) install $(PINNED) --no-build-isolation --editable '.[test]'
+	@touch $@
+
+# A libLLVM that Mitsuba can use, where apt has one: installed by root, else unpacked into .venv/llvm.
+define GET_LLVM
+if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	apt-get update; \
+	for version in 19 22 20 21; do \
+		DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends libllvm$$version && break; \
+	done; \
+elif command -v apt-get >/dev/null; then \
+	(cd .venv && apt-get download libllvm19 && dpkg -x libllvm19_*.deb llvm && rm libllvm19_*.deb); \
+fi
+endef

@@ -1,0 +1,189 @@
+"""The steps of a fit that touch Mitsuba: light, problem, solvers, maps."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from scipy import ndimage
+
+from evsdr import adam, lm
+from evsdr.problem import Problem, make_problem
+from evsdr.records import Maps
+from evsdr.scene import RingScene, surface_maps, trace_illumination
+from evsdr.shading import Illumination, LambertianRing
+
+__all__ = ["assemble_maps", "choose_light", "make_problem", "scale_note", "solve", "start_normals"]
+
+KNOWN_SIGMA_DEG = 30.0  # a normal known worse than this is not known
+DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
+FACING = 0.05  # cosine from which a surface that faces an LED should be lit
+
+
+def choose_light(
+    ring: RingScene, shadows: str, spp: int, share: float
+) -> tuple[Illumination, np.ndarray, str]:
+    """Trace the LEDs, with cast shadows where they are asked for or needed.
+
+    Parameters
+    ----------
+    shadows : str
+        `off`, `downweight`, `scene` or `auto`.
+    spp : int
+        Rays per pixel.
+    share : float
+        Share of shadowed (pixel, LED) above which `auto` models them.
+
+    Returns
+    -------
+    light : Illumination
+        Arrays of width 1 or height * width.
+    coverage : (height, width) float32
+        Share of each pixel that the object covers.
+    note : str
+        What was decided and why.
+    """
+    if shadows == "auto" and not ring.shape_is_known:
+        shadows, note = "off", "not modelled: the object is a rectangle, which stands for an unknown shape"
+    elif shadows == "auto":
+        found = cast_shadow_share(ring)
+        shadows = "scene" if found > share else "off"
+        note = f"{found:.2%} of the (pixel, LED) pairs that face each other are blocked on the scene's geometry"
+        note = f"{'traced' if shadows == 'scene' else 'not modelled'}: {note}"
+    else:
+        how = {"off": "not modelled", "scene": "traced on the scene's geometry", "downweight": "down-weighted"}
+        note = f"{how[shadows]}: asked for by --shadows {shadows}"
+    light, coverage = trace_illumination(ring, spp, shadows == "scene")
+    return light, coverage, note
+
+
+def cast_shadow_share(ring: RingScene) -> float:
+    """Give the share of (pixel, LED) that face each other yet are blocked, on the scene's geometry."""
+    light, coverage = trace_illumination(ring, 1, True)
+    normal = surface_maps(ring, 1).normal.reshape(-1, 3)
+    covered = coverage.ravel() > 0
+    facing = blocked = 0
+    for direction, irradiance in zip(light.direction, light.irradiance):
+        cosine = np.sum(normal * np.broadcast_to(np.array(direction).T, normal.shape), axis=-1)
+        faces = covered & (cosine > FACING)
+        facing += np.count_nonzero(faces)
+        blocked += np.count_nonzero(faces & (irradiance.numpy() == 0))
+    return blocked / max(facing, 1)
+
+
+def start_normals(ring: RingScene, init: str) -> np.ndarray:
+    """Give the start values of the normals (height, width, 3): frontal, or those of the geometry."""
+    if init == "geometry":
+        return surface_maps(ring, 1).normal
+    return np.broadcast_to(np.array([0, 0, 1], np.float32), (ring.height, ring.width, 3))
+
+
+def solve(
+    problem: Problem,
+    start_normal: np.ndarray,
+    options,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> lm.Solution:
+    """Run the solver that the options name.
+
+    Parameters
+    ----------
+    start_normal : (height, width, 3) float32
+        Start values, camera frame.
+    options : fit.Options
+        `solver`, `preset`, `shadows` and `seed` count.
+    """
+    light = problem.illumination
+    normal = start_normal.reshape(-1, 3)[problem.pixel]
+    effort = lm.PRESETS[options.preset]
+    if options.shadows == "downweight":
+        effort = replace(effort, robust=DOWNWEIGHT_ROBUST)
+    reflectance = np.full((problem.n_pixel, light.n_band), lm.REFLECTANCE_CENTRE, np.float32)
+    n_step = 0
+    if options.solver == "adam":
+        settings = adam.AdamSettings()
+        normal, reflectance = adam.solve(
+            light, problem.pairs, normal, problem.pixel, start_normal.shape[:2], settings, options.seed, progress
+        )
+        n_step = settings.n_step
+        effort = replace(effort, stages=(), n_sweep=0, n_final=0)  # only noise and sigma at Adam's result
+    solution = lm.solve(
+        LambertianRing(light),
+        problem.pairs,
+        light.constant_light,
+        to_theta(normal, reflectance),
+        problem.neighbour,
+        effort,
+        progress,
+    )
+    return replace(solution, n_step=n_step or solution.n_step)
+
+
+def to_theta(normal: np.ndarray, reflectance: np.ndarray) -> list[mi.Float]:
+    """Give slopes and log reflectances as Dr.Jit arrays."""
+    nz = np.maximum(normal[:, 2], 1 / lm.LARGEST_SLOPE)
+    columns = [-normal[:, 0] / nz, -normal[:, 1] / nz]
+    columns += list(np.log(np.maximum(reflectance, np.exp(lm.LOG_REFLECTANCE_RANGE[0]))).T)
+    return [mi.Float(np.ascontiguousarray(c, np.float32)) for c in columns]
+
+
+def assemble_maps(problem: Problem, solution: lm.Solution, shape: tuple[int, int], ring: RingScene) -> Maps:
+    """Lay the solution out as images.
+
+    A pixel without information keeps the values of the nearest one that has it, and says so in mask and
+    sigma. With no constant light the scale of each pixel is unknown; its largest band is then 1.
+    """
+    theta = solution.theta.astype(float)
+    normal = np.column_stack([-theta[:, 0], -theta[:, 1], np.ones(len(theta))])
+    height = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= height
+    reflectance = np.exp(theta[:, 2:])
+    sigma = normal_sigma_deg(theta[:, 0], theta[:, 1], solution.covariance[:, :2, :2])
+    reflectance_sigma = reflectance * np.sqrt(np.diagonal(solution.covariance, axis1=1, axis2=2)[:, 2:])
+    if ring.constant_light == 0:
+        scale = 1 / reflectance.max(axis=1, keepdims=True)
+        reflectance, reflectance_sigma = reflectance * scale, reflectance_sigma * scale
+    has_pairs = np.diff(problem.pairs.offset.numpy()) > 0
+    known = has_pairs & (sigma < KNOWN_SIGMA_DEG)
+
+    def image(values, elsewhere):
+        out = np.full((shape[0] * shape[1], *values.shape[1:]), elsewhere, np.float32)
+        out[problem.pixel] = values
+        return out.reshape(*shape, *values.shape[1:])
+
+    mask = image(known, 0) > 0
+    solved = image(np.ones(len(known)), 0) > 0
+    maps = Maps(
+        normal=image(normal, 0),
+        reflectance=image(reflectance, 0),
+        mask=mask,
+        normal_sigma_deg=image(np.where(known, sigma, 180), 180),
+        reflectance_sigma=image(np.where(known[:, None], np.minimum(reflectance_sigma, 1), 1), 1),
+        band_wavelength_nm=ring.leds.band_wavelength_nm.astype(np.float32),
+    )
+    nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    fill = solved & ~mask if mask.any() else np.zeros_like(mask)
+    maps.normal[fill] = maps.normal[tuple(nearest[:, fill])]
+    maps.reflectance[fill] = maps.reflectance[tuple(nearest[:, fill])]
+    maps.normal[~solved] = (0, 0, 1)
+    return maps
+
+
+def normal_sigma_deg(p: np.ndarray, q: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Turn the covariance (n, 2, 2) of slopes into the standard deviation of the normal's angle [deg].
+
+    The root of the trace of the normal's covariance: the root mean square angle.
+    """
+    h2 = 1 + p**2 + q**2
+    # |dn|^2 of a change of slopes is the metric of the sphere in these coordinates
+    metric = np.stack([[1 + q**2, -p * q], [-p * q, 1 + p**2]]) / h2**2
+    variance = np.einsum("ijn,nij->n", metric, covariance)
+    return np.degrees(np.sqrt(np.maximum(variance, 0)))
+
+
+def scale_note(ring: RingScene) -> str:
+    """Say whether reflectance is absolute."""
+    if ring.constant_light > 0:
+        return f"absolute, by the constant light of {ring.constant_light:g}"
+    return "unknown: without constant light reflectance is known up to one factor per pixel; its largest band is 1"

@@ -1,0 +1,192 @@
+"""`python -m evsdr.fit scene.xml events.h5`: recover normals and absolute reflectance from a recording."""
+
+import sys
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+
+from evsdr import __version__
+from evsdr.console import Stages, parse_definitions, print_table, run_command
+from evsdr.errors import InputError
+from evsdr.files import check_folder
+from evsdr.mask import read_mask
+from evsdr.metrics import read_truth, score
+from evsdr.pairs import pair_events
+from evsdr.recording import read_recording
+from evsdr.records import Maps, Recording
+from evsdr.results import write_results
+
+
+@dataclass(frozen=True)
+class Options:
+    """Recover surface normals and absolute spectral reflectance from events under a ring of LEDs."""
+
+    scene: tyro.conf.Positional[Path]
+    """Scene file: camera, LEDs, object."""
+    events: tyro.conf.Positional[Path]
+    """Recording, an events.h5."""
+    out: Path | None = None
+    """Folder for the results; by default named after the recording."""
+    truth: Path | None = None
+    """truth.npz to compare with."""
+    preset: Literal["fast", "balanced", "accurate"] = "balanced"
+    """Speed against accuracy."""
+    solver: Literal["lm", "adam"] = "lm"
+    """Per-pixel Levenberg-Marquardt, or the decoder of the EventSpecPS paper."""
+    shadows: Literal["auto", "off", "scene", "estimate", "downweight"] = "auto"
+    """Cast shadows: traced on the scene's geometry, left out, down-weighted as outliers, or decided from the
+    scene."""
+    init: Literal["frontal", "geometry"] = "frontal"
+    """Start value of the normals."""
+    mask: Path | None = None
+    """Image (PNG or .npy) whose non-zero pixels are solved."""
+    seed: int = 0
+    """Seed of everything random."""
+    define: Annotated[
+        tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction
+    ] = field(default=())
+    """name=value for a <default> parameter of the scene file; may be repeated."""
+    device: Literal["cpu", "gpu"] = "cpu"
+    """Where to compute; gpu needs an NVIDIA card."""
+
+
+SAMPLES = {"fast": 1, "balanced": 4, "accurate": 16}  # rays per pixel for visibility
+SHADOW_SHARE = 1e-3  # of (pixel, LED) that face each other, from which shadows are worth their rays
+MAX_BANDS = 40  # of the per-pixel systems
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; gives its exit status."""
+    return run_command(Options, command, argv)
+
+
+def command(options: Options) -> None:
+    """Fit, write the results, print a table."""
+    out = options.out or options.events.with_name(options.events.stem)
+    check_folder(out)
+    maps, summary = fit(options)
+    write_results(out, maps, summary)
+    rows = [(f"{name} [s]", f"{seconds:.2f}") for name, seconds in summary["seconds"].items()]
+    rows += [(name, f"{value:.4f}") for name, value in summary.get("error", {}).items()]
+    print_table(f"{options.scene} {options.events}", rows)
+    for effect, decision in summary["model"].items():
+        print(f"{effect}: {decision}")
+    print(f"pictures: {out / 'normal.png'}, {out / 'reflectance.png'}; all else in {out}")
+
+
+def fit(options: Options) -> tuple[Maps, dict]:
+    """Recover maps from a recording.
+
+    Parameters
+    ----------
+    options : Options
+        As on the command line.
+
+    Returns
+    -------
+    maps : Maps
+    summary : dict
+        What was modelled and why, numbers, seconds per stage, residuals, and errors if a truth is given.
+
+    Raises
+    ------
+    InputError
+        Something given can't be used.
+    """
+    with warnings.catch_warnings(record=True) as caught, Stages("fit") as stages:
+        warnings.simplefilter("always")
+        maps, summary = _fit(options, stages)
+    messages = list(dict.fromkeys(str(w.message) for w in caught))
+    for message in messages:
+        print(f"warning: {message}", file=sys.stderr)
+    return maps, summary | {"warnings": messages, "seconds": stages.seconds}
+
+
+def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
+    if options.shadows == "estimate":
+        raise InputError("--shadows estimate is not available yet; use scene, downweight or off.")
+    with stages.stage("start"):
+        from evsdr import jit
+
+        jit.start("cuda_ad_spectral" if options.device == "gpu" else "llvm_ad_spectral")
+        from evsdr import decode
+        from evsdr import scene as scenes
+    with stages.stage("read events"):
+        recording = read_recording(options.events)
+    with stages.stage("load scene"):
+        ring = scenes.load_scene(options.scene, parse_definitions(options.define))
+        check_fit(ring, recording, options)
+        truth = None
+        if options.truth:
+            truth = read_truth(options.truth, ring.height, ring.width, ring.leds.n_band)
+    with stages.stage("trace light"):
+        light, coverage, shadows = decode.choose_light(ring, options.shadows, SAMPLES[options.preset], SHADOW_SHARE)
+        mask = coverage >= 0.5
+        if options.mask:
+            mask &= read_mask(options.mask, mask.shape)
+        if not mask.any():
+            raise InputError(f"{options.scene}: no pixel to solve; object, camera and mask do not meet.")
+        start_normal = decode.start_normals(ring, options.init)
+    with stages.stage("pair events"):
+        pairs = pair_events(recording, mask)
+        problem = decode.make_problem(recording, pairs, light, mask)
+    with stages.stage("solve") as advance:
+        solution = decode.solve(problem, start_normal, options, advance)
+    maps = decode.assemble_maps(problem, solution, mask.shape, ring)
+    summary = {
+        "evsdr": __version__,
+        "scene": str(options.scene),
+        "events": str(options.events),
+        "solver": options.solver,
+        "preset": options.preset,
+        "model": {
+            "cast shadows": shadows,
+            "LEDs": f"{ring.leds.n_led} in {ring.leds.n_band} bands, "
+            + ("near: direction and fall-off per pixel" if ring.is_near else "far: one direction for all pixels"),
+            "light paths": "direct light only",
+            "gloss": "none; robust weights only",
+            "scale": decode.scale_note(ring),
+        },
+        "numbers": {
+            "events": pairs.n_event,
+            "pairs": int(pairs.offset[-1]),
+            "pairs_dropped": pairs.n_dropped,
+            "pixels_solved": problem.n_pixel,
+            "pixels_known": int(np.count_nonzero(maps.mask)),
+            "steps": solution.n_step,
+        },
+        "residual": {"relative_threshold_noise": solution.noise},
+    }
+    if truth is not None:
+        summary["error"] = score(maps, truth)
+        summary |= summary["error"]
+    return maps, summary
+
+
+def check_fit(ring, recording: Recording, options: Options) -> None:
+    """Check that scene and recording belong together."""
+    size = (recording.sensor.width, recording.sensor.height)
+    if size != (ring.width, ring.height):
+        raise InputError(
+            f"{options.scene}: the film is {ring.width} x {ring.height} pixels but the events of {options.events} "
+            f"are {size[0]} x {size[1]}; make the film as large as the sensor region."
+        )
+    unknown = int(np.max(recording.schedule.order))
+    if unknown >= ring.leds.n_led:
+        raise InputError(
+            f"{options.events}: schedule/order lights LED {unknown}, but {options.scene} has only "
+            f"{ring.leds.n_led} LEDs, numbered from 0; mend order or add the emitter."
+        )
+    if options.solver == "lm" and ring.leds.n_band > MAX_BANDS:
+        raise InputError(
+            f"{options.scene}: {ring.leds.n_band} bands are too many for the solver lm, which takes {MAX_BANDS}; "
+            "use --solver adam."
+        )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,296 @@
+"""Per-pixel Levenberg-Marquardt on event pairs, with starts offered by neighbouring pixels.
+
+Unknowns of a pixel: two slopes and the log reflectance of each band. All pixels step together in Dr.Jit
+arrays; each has its own damping and accepts or rejects its own step. The forward model is a callable; nothing
+here knows Mitsuba.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+
+from evsdr.event_terms import PairData, Tables, flatten_leds, normal_equations, relative_residual
+
+SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
+REFLECTANCE_CENTRE, LOG_REFLECTANCE_SIGMA = 0.25, 2.0  # weak prior: 0.03 .. 2 within one sigma
+LARGEST_STEP = (1.0, 2.0)  # of a slope, of a log reflectance
+HARD = 1e-3  # softness of a horizon that is hard for all purposes
+TILT_DEG = 12.0  # of the starts that a pixel tries around its own normal
+LARGEST_SLOPE, LOG_REFLECTANCE_RANGE = 30.0, (-9.0, 1.5)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How hard to try; the presets of the command.
+
+    Attributes
+    ----------
+    stages : tuple of (softness, noise or None, n_step)
+        Descent from the start: width of the smooth horizon, standard deviation of the relative residual
+        (None: as measured), and steps.
+    n_sweep : int
+        Sweeps with the hard horizon, in which each pixel tries the solutions of its four neighbours and its
+        own normal tilted in four directions.
+    n_try : int
+        Steps granted to such a start before it is compared.
+    n_final : int
+        Steps at the end.
+    robust : float
+        Width of the Cauchy cost in standard deviations.
+    """
+
+    stages: tuple = ((0.3, 0.5, 8), (0.1, None, 5), (0.03, None, 4), (0.01, None, 4))
+    n_sweep: int = 3
+    n_try: int = 3
+    n_final: int = 6
+    robust: float = 3.0
+
+
+PRESETS = {
+    "fast": Effort(stages=((0.3, 0.5, 6), (0.1, None, 3), (0.02, None, 3)), n_sweep=1, n_try=2, n_final=3),
+    "balanced": Effort(),
+    "accurate": Effort(n_sweep=10, n_try=5, n_final=15),
+}
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What the solver found.
+
+    Attributes
+    ----------
+    theta : (n_pixel, 2 + n_band) float32
+        Slopes and log reflectances.
+    covariance : (n_pixel, 2 + n_band, 2 + n_band) float64
+        Inverse of the Gauss-Newton matrix.
+    cost : (n_pixel,) float32
+        Robust cost, prior included.
+    noise : float
+        Standard deviation of the relative residual, measured.
+    n_step : int
+        Steps made.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    cost: np.ndarray
+    noise: float
+    n_step: int
+
+
+def solve_ldl(matrix: list, right: list, damping) -> list:
+    """Solve (M + damping diag M) x = b per pixel by LDL^T, unrolled.
+
+    Parameters
+    ----------
+    matrix : list of Float
+        Lower triangle of M, row after row.
+    right : list of Float, (n)
+        b.
+    damping : Float
+        Marquardt damping.
+
+    Returns
+    -------
+    list of Float, (n)
+        x.
+    """
+    n = len(right)
+    row = [matrix[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
+    lower = [[None] * i for i in range(n)]
+    pivot, inverse = [], []
+    for j in range(n):
+        d = row[j][j] * (1.0 + damping)
+        for k in range(j):
+            d = d - dr.square(lower[j][k]) * pivot[k]
+        pivot.append(dr.maximum(d, 1e-12))
+        inverse.append(dr.rcp(pivot[j]))
+        for i in range(j + 1, n):
+            entry = row[i][j]
+            for k in range(j):
+                entry = entry - lower[i][k] * lower[j][k] * pivot[k]
+            lower[i][j] = entry * inverse[j]
+    x = list(right)
+    for i in range(n):
+        for k in range(i):
+            x[i] = x[i] - lower[i][k] * x[k]
+    x = [value * inv for value, inv in zip(x, inverse)]
+    for i in reversed(range(n)):
+        for k in range(i + 1, n):
+            x[i] = x[i] - lower[k][i] * x[k]
+    return x
+
+
+def solve(
+    model: Callable,
+    pairs: PairData,
+    constant_light,
+    start: list,
+    neighbour: list,
+    effort: Effort,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> Solution:
+    """Fit slopes and reflectances to event pairs.
+
+    Parameters
+    ----------
+    model : callable (p, q, reflectance, softness) -> (signal, by_p, by_q)
+        Forward model, such as `shading.LambertianRing`; a PyTree of Dr.Jit arrays, and lists over LEDs.
+    pairs : PairData
+        Event pairs.
+    constant_light : Float
+        C_w.
+    start : list of Float, (2 + n_band)
+        Start values: slopes and log reflectances.
+    neighbour : list of UInt32
+        For each direction, the pixel whose solution a pixel tries (itself at the border).
+    effort : Effort
+        How hard to try.
+    progress : callable (stage, share)
+        Told what is done, share 0..1.
+
+    Returns
+    -------
+    Solution
+    """
+    Float, UInt32 = type(start[0]), type(pairs.offset)
+    n_unknown = len(start)
+    n_pixel = dr.opaque(UInt32, dr.width(start[0]))
+    prior_centre = [0.0, 0.0] + [float(np.log(REFLECTANCE_CENTRE))] * (n_unknown - 2)
+    prior_sigma = [SLOPE_SIGMA] * 2 + [LOG_REFLECTANCE_SIGMA] * (n_unknown - 2)
+
+    freeze = dr.freeze(state_fn=lambda *_: (model, pairs, constant_light, n_pixel))
+
+    def tables(theta, softness):
+        reflectance = [dr.exp(t) for t in theta[2:]]
+        flat = [flatten_leds(rows, dr.width(theta[0])) for rows in model(theta[0], theta[1], reflectance, softness)]
+        dr.eval(flat)
+        return Tables(*flat, constant_light)
+
+    def evaluate(theta, softness, noise):
+        """Cost, gradient and matrix, prior included."""
+        cost, gradient, matrix = normal_equations(
+            tables(theta, softness), pairs, n_pixel, n_unknown - 2, noise, effort.robust
+        )
+        for i, (t, centre, sigma) in enumerate(zip(theta, prior_centre, prior_sigma)):
+            z = (t - centre) / sigma
+            cost += 0.5 * dr.square(z)
+            gradient[i] += z / sigma
+            matrix[i * (i + 3) // 2] += 1.0 / sigma**2
+        return [cost, *gradient, *matrix]
+
+    @freeze
+    def begin(theta, softness, noise):
+        return evaluate(theta, softness, noise)
+
+    @freeze
+    def step(theta, terms, damping, softness, noise):
+        """One Levenberg-Marquardt step; each pixel keeps what lowers its own cost."""
+        gradient, matrix = terms[1 : 1 + n_unknown], terms[1 + n_unknown :]
+        move = solve_ldl(matrix, [-g for g in gradient], damping)
+        trial = []
+        for i, (t, m) in enumerate(zip(theta, move)):
+            limit = LARGEST_STEP[0 if i < 2 else 1]
+            low, high = (-LARGEST_SLOPE, LARGEST_SLOPE) if i < 2 else LOG_REFLECTANCE_RANGE
+            trial.append(dr.clip(t + dr.clip(m, -limit, limit), low, high))
+        dr.eval(trial)
+        new_terms = evaluate(trial, softness, noise)
+        better = new_terms[0] < terms[0]
+        theta = [dr.select(better, new, old) for new, old in zip(trial, theta)]
+        terms = [dr.select(better, new, old) for new, old in zip(new_terms, terms)]
+        damping = dr.clip(damping * dr.select(better, 0.25, 6.0), 1e-6, 1e6)
+        return theta, terms, damping
+
+    @freeze
+    def residuals(theta, softness):
+        """|u| of every pair."""
+        pixel = dr.arange(UInt32, dr.width(theta[0]))
+        look_up = tables(theta, softness)
+        out = dr.zeros(Float, dr.width(pairs.polarity))
+
+        def body(k, out):
+            u = relative_residual(look_up, pairs, k, pixel, n_pixel, k < last)
+            dr.scatter(out, dr.abs(u), k, k < last, mode=dr.ReduceMode.NoConflicts)
+            return k + 1, out
+
+        first = dr.gather(UInt32, pairs.offset, pixel)
+        last = dr.gather(UInt32, pairs.offset, pixel + 1)
+        return dr.while_loop((first, out), lambda k, _: k < last, body, label="residuals")[1]
+
+    counts = np.diff(pairs.offset.numpy())
+    freedom = np.sqrt(max(counts.sum(), 1) / max(counts.sum() - n_unknown * np.count_nonzero(counts), 1))
+
+    def measure_noise(theta, softness) -> float:
+        """Standard deviation of u by the median absolute residual, corrected for the freedom of the fit."""
+        u = np.asarray(residuals(theta, softness).numpy())
+        return float(np.clip(1.4826 * np.median(u) * min(freedom, 2.0), 0.005, 1.0))
+
+    n_step = 0
+
+    def descend(theta, softness, noise, count, stage=None, terms=None):
+        nonlocal n_step
+        softness, noise = dr.opaque(Float, softness), dr.opaque(Float, noise)
+        terms = begin(theta, softness, noise) if terms is None else terms
+        damping = dr.full(Float, 1e-2, dr.width(theta[0]))
+        dr.make_opaque(damping)
+        for i in range(count):
+            theta, terms, damping = step(theta, terms, damping, softness, noise)
+            dr.eval(theta, terms, damping)
+            dr.sync_thread()  # so that Ctrl-C is heard and progress is true
+            n_step += 1
+            if stage:
+                progress(stage, (i + 1) / count)
+        return theta, terms
+
+    def offer(theta, terms, candidate, softness, noise):
+        """Let a start prove itself; each pixel keeps it where it ends lower."""
+        dr.eval(candidate)
+        candidate, candidate_terms = descend(candidate, softness, noise, effort.n_try)
+        better = candidate_terms[0] < terms[0]
+        theta = [dr.select(better, new, old) for new, old in zip(candidate, theta)]
+        terms = [dr.select(better, new, old) for new, old in zip(candidate_terms, terms)]
+        dr.eval(theta, terms)
+        return theta, terms
+
+    theta = [dr.opaque(Float, 0.0, dr.width(t)) + t for t in start]
+    dr.eval(theta)
+    for softness, noise, count in effort.stages:
+        noise = measure_noise(theta, softness) if noise is None else noise
+        theta, _ = descend(theta, softness, noise, count, "descent")
+    noise = measure_noise(theta, HARD)
+    theta, terms = descend(theta, HARD, noise, effort.n_final)
+    for sweep in range(effort.n_sweep):
+        for i, index in enumerate(neighbour):
+            theta, terms = offer(theta, terms, [dr.gather(Float, t, index) for t in theta], HARD, noise)
+            theta, terms = offer(theta, terms, tilt(theta, i * np.pi / 2), HARD, noise)
+            progress("starts", (sweep * len(neighbour) + i + 1) / (effort.n_sweep * len(neighbour)))
+    noise = measure_noise(theta, HARD)
+    theta, terms = descend(theta, HARD, noise, effort.n_final, "refinement")
+    noise = measure_noise(theta, HARD)
+    terms = begin(theta, dr.opaque(Float, HARD), dr.opaque(Float, noise))
+    matrix = np.stack([t.numpy() for t in terms[1 + n_unknown :]], axis=-1).astype(float)
+    return Solution(
+        theta=np.stack([t.numpy() for t in theta], axis=-1),
+        covariance=_invert(matrix, n_unknown),
+        cost=terms[0].numpy(),
+        noise=noise,
+        n_step=n_step,
+    )
+
+
+def tilt(theta: list, azimuth: float) -> list:
+    """Turn each pixel's normal by `TILT_DEG` toward an azimuth [rad]; its reflectance stays."""
+    p, q = theta[:2]
+    shift = float(np.tan(np.radians(TILT_DEG))) * dr.sqrt(1.0 + p * p + q * q)
+    return [p - shift * float(np.cos(azimuth)), q - shift * float(np.sin(azimuth)), *theta[2:]]
+
+
+def _invert(triangle: np.ndarray, n: int) -> np.ndarray:
+    """Invert symmetric matrices (n_pixel, n, n) given by their lower triangles."""
+    rows, columns = np.tril_indices(n)
+    matrix = np.zeros((len(triangle), n, n))
+    matrix[:, rows, columns] = triangle
+    matrix[:, columns, rows] = triangle
+    return np.linalg.inv(matrix)

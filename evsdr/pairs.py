@@ -1,0 +1,113 @@
+"""Pairs of consecutive events of a pixel, the measurements that the solver explains."""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from evsdr.errors import InputError, InputWarning
+from evsdr.records import Recording
+from evsdr.ring_light import phase
+
+ROUNDING_US = 1.0  # times are whole microseconds
+TOO_CLOSE_SHARE = 0.05  # of pairs within the refractory period, before a warning
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Event pairs, pixel after pixel (row after row) and in time order within each.
+
+    Attributes
+    ----------
+    offset : (n_pixel + 1,) uint32
+        Pairs of pixel i = y * width + x are offset[i] .. offset[i+1].
+    phase_start, phase_end : (n_pair,) float32
+        Phase of the ring (slot + crossfade fraction), 0 <= phase < n_slot, when the reference intensity is
+        memorised and when the event fires.
+    polarity : (n_pair,) int8
+        +1 (brighter) or -1 of the event that ends the pair.
+    n_event : int
+        Events looked at.
+    n_dropped : int
+        Pairs left out: not within the rounds, or closer than the refractory period.
+    """
+
+    offset: np.ndarray
+    phase_start: np.ndarray
+    phase_end: np.ndarray
+    polarity: np.ndarray
+    n_event: int
+    n_dropped: int
+
+
+def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
+    """Pair each event with the one before it in its pixel.
+
+    Two events at t_(k-1) and t_k say log I(t_k) - log I(t_(k-1) + refractory) = p_k C, so a pair starts at
+    t_(k-1) + refractory and ends at t_k.
+
+    Parameters
+    ----------
+    recording : Recording
+        Events in time order.
+    mask : (H, W) bool, optional
+        Pixels whose events count; all by default.
+
+    Raises
+    ------
+    InputError
+        No pair remains.
+
+    Warns
+    -----
+    InputWarning
+        Many events follow another within the refractory period.
+    """
+    events, sensor = recording.events, recording.sensor
+    x, y, p, t = events.x, events.y, events.p, events.t
+    if mask is not None:
+        keep = mask[y, x]
+        x, y, p, t = x[keep], y[keep], p[keep], t[keep]
+    order = np.lexsort((x, y))  # stable, so time order stays within a pixel; 16-bit keys make it a radix sort
+    pixel = (y.astype(np.uint32) * np.uint32(sensor.width) + x)[order]
+    t, p = t[order], p[order]
+
+    second = np.flatnonzero(pixel[1:] == pixel[:-1]) + 1
+    start, end = t[second - 1] + sensor.refractory_us, t[second].astype(np.float64)
+    too_close = end < start - ROUNDING_US
+    start = np.minimum(start, end)
+    phase_start, start_inside = _single_phase(start, recording)
+    phase_end, end_inside = _single_phase(end, recording)
+    good = start_inside & end_inside & ~too_close
+    second = second[good]
+    if not len(second):
+        raise InputError(
+            "No two events of a pixel follow each other within the rounds of the ring; "
+            "check the triggers or start_us, refractory_us, and the mask."
+        )
+    if too_close.mean() > TOO_CLOSE_SHARE:
+        warnings.warn(
+            InputWarning(
+                f"{too_close.mean():.0%} of the event pairs lie within refractory_us of the sensor, "
+                f"{sensor.refractory_us:g} us; it is probably too long."
+            ),
+            stacklevel=2,
+        )
+    n_pixel = sensor.height * sensor.width
+    count = np.bincount(pixel[second], minlength=n_pixel)
+    return Pairs(
+        offset=np.concatenate([[0], np.cumsum(count)]).astype(np.uint32),
+        phase_start=phase_start[good],
+        phase_end=phase_end[good],
+        polarity=(2 * p[second] - 1).astype(np.int8),
+        n_event=len(t),
+        n_dropped=len(good) - len(second),
+    )
+
+
+def _single_phase(t_us: np.ndarray, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Give phases in float32; what rounds up to n_slot becomes 0, where the light is the same."""
+    exact, inside = phase(t_us, recording.schedule, recording.round_start_us)
+    single = exact.astype(np.float32)
+    single[single >= len(recording.schedule.order)] = 0
+    return single, inside

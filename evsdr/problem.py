@@ -1,0 +1,106 @@
+"""From a recording and a traced scene to the arrays that the solvers work on."""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from evsdr.event_terms import PairData
+from evsdr.pairs import Pairs
+from evsdr.records import Recording
+from evsdr.shading import Illumination
+
+DARK = 1e-6  # floor of the constant light, as a share of the brightest LED: keeps log I finite in shadow
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The pixels to solve.
+
+    Attributes
+    ----------
+    pixel : (n_pixel,) int
+        Where they lie in the image, row-major.
+    pairs : PairData
+        Their event pairs.
+    illumination : Illumination
+        What the LEDs send to them; its constant light is above 0.
+    neighbour : list of UInt32, (n_pixel) each
+        Right, left, upper and lower neighbour; the pixel itself where there is none.
+    """
+
+    pixel: np.ndarray
+    pairs: PairData
+    illumination: Illumination
+    neighbour: list
+
+    @property
+    def n_pixel(self) -> int:
+        return len(self.pixel)
+
+
+def make_problem(recording: Recording, pairs: Pairs, light: Illumination, mask: np.ndarray) -> Problem:
+    """Collect what the solver needs of the masked pixels.
+
+    Parameters
+    ----------
+    recording : Recording
+        For its sensor and schedule.
+    pairs : Pairs
+        Event pairs of all pixels.
+    light : Illumination
+        What the LEDs send; arrays of width 1 or height * width.
+    mask : (height, width) bool
+        Pixels to solve.
+    """
+    pixel = np.flatnonzero(mask)
+    count = np.diff(pairs.offset)[pixel]
+    chosen = np.repeat(mask.ravel(), np.diff(pairs.offset))
+    offset = np.concatenate([[0], np.cumsum(count)])
+    band = np.append(light.band, 0).astype(np.uint32)
+    order = np.asarray(recording.schedule.order)
+    slot_led = np.where(order < 0, light.n_led, order)
+    slot_led = np.append(slot_led, slot_led[0]).astype(np.uint32)
+
+    def threshold(value):
+        return mi.Float(np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
+
+    sensor = recording.sensor
+    return Problem(
+        pixel=pixel,
+        pairs=PairData(
+            offset=mi.UInt32(offset.astype(np.uint32)),
+            phase_start=mi.Float(pairs.phase_start[chosen]),
+            phase_end=mi.Float(pairs.phase_end[chosen]),
+            polarity=mi.Float(pairs.polarity[chosen].astype(np.float32)),
+            threshold_on=threshold(sensor.contrast_threshold_on),
+            threshold_off=threshold(sensor.contrast_threshold_off),
+            slot_led=mi.UInt32(slot_led),
+            slot_band=mi.UInt32(band[slot_led]),
+        ),
+        illumination=_of_pixels(light, mi.UInt32(pixel.astype(np.uint32))),
+        neighbour=neighbours(mask),
+    )
+
+
+def neighbours(mask: np.ndarray) -> list[mi.UInt32]:
+    """Number, for each of four directions, the neighbour of every masked pixel; itself where there is none."""
+    number = np.full(mask.shape, -1)
+    number[mask] = own = np.arange(np.count_nonzero(mask))
+    padded = np.pad(number, 1, constant_values=-1)
+    shifted = (padded[1:-1, 2:], padded[1:-1, :-2], padded[:-2, 1:-1], padded[2:, 1:-1])
+    return [mi.UInt32(np.where(s[mask] >= 0, s[mask], own).astype(np.uint32)) for s in shifted]
+
+
+def _of_pixels(light: Illumination, pixel: mi.UInt32) -> Illumination:
+    """Keep the light of some pixels; what is the same everywhere stays of width 1."""
+
+    def pick(value):
+        return value if dr.width(value) == 1 else dr.gather(type(value), value, pixel)
+
+    direction, irradiance = [pick(d) for d in light.direction], [pick(e) for e in light.irradiance]
+    brightest = max(float(dr.max(e)[0]) for e in irradiance)
+    constant_light = dr.opaque(mi.Float, max(float(light.constant_light[0]), DARK * brightest))
+    dr.make_opaque(direction, irradiance)
+    return Illumination(direction, irradiance, light.band, constant_light)

@@ -1,0 +1,130 @@
+"""`python -m evsdr.simulate scene.xml --out DIR`: record a scene under its ring with simulated event pixels."""
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+
+from evsdr import photographs
+from evsdr.console import Stages, parse_definitions, print_table, run_command
+from evsdr.errors import InputError
+from evsdr.event_pixel import EventPixel, simulate_events
+from evsdr.files import atomic_folder
+from evsdr.metrics import Truth
+from evsdr.recording import write_recording
+from evsdr.records import Recording, Schedule, Sensor
+
+
+@dataclass(frozen=True)
+class Options:
+    """Simulate the recording of a scene, or of a stack of photographs, under a ring of LEDs."""
+
+    scene: tyro.conf.Positional[Path | None] = None
+    """Scene file; not with --frames."""
+    out: Path = field(kw_only=True)
+    """Folder for events.h5 and truth.npz."""
+    frames: Path | None = None
+    """Photographs with known lights instead of a scene: an .npz, see `evsdr/photographs.py`. Writes a scene.xml too."""
+    constant_light: float = 0.05
+    """C_w with --frames; a scene brings its own."""
+    rounds: int = 6
+    """Rounds of the ring."""
+    slot_us: float = 10_000.0
+    """Length of a slot [us]."""
+    crossfade: float = 1.0
+    """Fraction of a slot's end over which an LED fades into the next; 0 is a hard switch."""
+    led_rise_us: float = 0.0
+    """Time constant of an LED's light [us]."""
+    pixel: EventPixel = EventPixel()
+    """The event pixel; by default that of an EVK4."""
+    ideal: bool = False
+    """Leave out all that --pixel does not ask for but thresholds and refractory period."""
+    thresholds: Literal["calibrated", "nominal"] = "calibrated"
+    """What events.h5 tells of the thresholds: those of each pixel, or one nominal value."""
+    spp: int = 16
+    """Rays per pixel."""
+    seed: int = 0
+    """Seed of everything random."""
+    define: Annotated[
+        tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction
+    ] = field(default=())
+    """name=value for a <default> parameter of the scene file; may be repeated."""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; gives its exit status."""
+    return run_command(Options, command, argv)
+
+
+def command(options: Options) -> None:
+    """Simulate, write, print how much came out."""
+    if (options.scene is None) == (options.frames is None):
+        raise InputError("Name either a scene file or --frames, not both.")
+    if options.rounds < 1:
+        raise InputError(f"--rounds is {options.rounds}; it must be 1 or more.")
+    with Stages("simulate") as stages:
+        if options.frames:
+            with stages.stage("read photographs"):
+                stack = photographs.read_stack(options.frames)
+                signal, truth = stack.frames, stack.truth
+                constant_light = options.constant_light
+        else:
+            with stages.stage("render"):
+                signal, truth, constant_light = render(options)
+        with stages.stage("events") as advance:
+            recording = record(signal, constant_light, options, advance)
+        with stages.stage("write"), atomic_folder(options.out) as folder:
+            write_recording(folder / "events.h5", recording)
+            np.savez(folder / "truth.npz", normal=truth.normal, reflectance=truth.reflectance, mask=truth.mask)
+            if options.frames:
+                photographs.write_scene(folder / "scene.xml", stack, constant_light)
+            size = (folder / "events.h5").stat().st_size
+    n_event, n_lit = len(recording.events), np.count_nonzero(signal.max(axis=0) > 0)
+    rows = [
+        ("events", f"{n_event:,}"),
+        ("events per lit pixel", f"{n_event / max(n_lit, 1):.1f}"),
+        ("file", f"{size / 2**20:.2f} MiB"),
+        ("duration", f"{1e-6 * options.slot_us * len(recording.schedule.order) * options.rounds:.2f} s"),
+        *((f"{name} [s]", f"{seconds:.2f}") for name, seconds in stages.seconds.items()),
+    ]
+    print_table(f"{options.out / 'events.h5'}", rows)
+
+
+def render(options: Options) -> tuple[np.ndarray, Truth, float]:
+    """Render the LED images A_xj (n_led, H, W), the truth, and C_w."""
+    from evsdr import jit
+
+    jit.start()
+    from evsdr import scene as scenes
+
+    ring = scenes.load_scene(options.scene, parse_definitions(options.define))
+    maps = scenes.surface_maps(ring, options.spp, options.seed)
+    signal = scenes.led_images(ring, options.spp, options.seed)
+    return signal, Truth(maps.normal, maps.reflectance, maps.mask), ring.constant_light
+
+
+def record(signal: np.ndarray, constant_light: float, options: Options, progress=None) -> Recording:
+    """Let event pixels watch the ring go round."""
+    n_led, height, width = signal.shape
+    schedule = Schedule(np.arange(n_led, dtype=np.int32), options.slot_us, options.crossfade)
+    pixel = options.pixel.idealised() if options.ideal else options.pixel
+    events, on, off, round_start_us = simulate_events(
+        signal,
+        constant_light,
+        schedule,
+        options.rounds,
+        pixel,
+        seed=options.seed,
+        led_rise_us=options.led_rise_us,
+        progress=progress and (lambda done, total: progress("", done / total)),
+    )
+    if options.thresholds == "nominal" or pixel.spread_on == pixel.spread_off == 0:
+        on, off = pixel.contrast_threshold_on, pixel.contrast_threshold_off
+    return Recording(events, Sensor(width, height, on, off, pixel.refractory_us), schedule, round_start_us)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,148 @@
+"""The LEDs of a scene: in schedule order, with what the camera sees of their spectra."""
+
+import re
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from evsdr import spectral
+
+
+@dataclass(frozen=True)
+class Leds:
+    """The ring as the integrator uses it.
+
+    Attributes
+    ----------
+    emitter : list of mi.Emitter
+        In schedule order.
+    power : (n_led,) float
+        INT D E_j: the signal of a white patch that faces LED j (at unit distance, for a near one).
+    peak_nm, peak : (n_led,) float
+        A wavelength at which E_j is strong [nm], and E_j there. What the emitter gives at this wavelength,
+        divided by `peak`, is its geometric factor, whatever the spectrum.
+    band : (n_led,) int
+        Band of each LED.
+    node_nm, weight : (n_band, 4) float
+        Quadrature of each band's D E: wavelengths [nm] and weights of sum 1.
+    band_wavelength_nm : (n_band,) float
+        Centroid of each band [nm].
+    """
+
+    emitter: list
+    power: np.ndarray
+    peak_nm: np.ndarray
+    peak: np.ndarray
+    band: np.ndarray
+    node_nm: np.ndarray
+    weight: np.ndarray
+    band_wavelength_nm: np.ndarray
+
+    @property
+    def n_led(self) -> int:
+        return len(self.emitter)
+
+    @property
+    def n_band(self) -> int:
+        return len(self.node_nm)
+
+    def is_far(self, j: int) -> bool:
+        """Tell whether LED j is directional: the same direction and irradiance everywhere."""
+        return _is_far(self.emitter[j])
+
+
+def emitter_id(emitter: mi.Emitter) -> str:
+    """Name an emitter: its own id, or that of the shape it makes shine."""
+    shape = emitter.get_shape()
+    return emitter.id() if shape is None else shape.id()
+
+
+def find_leds(scene: mi.Scene, response: mi.Texture | None = None) -> Leds:
+    """Collect the emitters named `led...` and measure their spectra.
+
+    Parameters
+    ----------
+    scene : mi.Scene
+        Scene; the order of its own emitter list does not matter.
+    response : mi.Texture, optional
+        Spectral response D of the camera; 1 where none is given.
+
+    Returns
+    -------
+    Leds
+
+    Raises
+    ------
+    ValueError
+        The scene has no LED, or the camera can't see one of them.
+    """
+    named = [(emitter_id(e), e) for e in scene.emitters()]
+    named = sorted((pair for pair in named if pair[0].startswith("led")), key=lambda pair: _natural(pair[0]))
+    if not named:
+        raise ValueError("no emitter has an id that starts with 'led'")
+    irradiance = np.array([_spectrum(scene, e) for _, e in named])
+    seen = irradiance * _response(response)
+    power = spectral.integrate(seen)
+    for (name, _), p in zip(named, power):
+        if not p > 0:
+            raise ValueError(f"emitter '{name}' gives the camera no light between 360 and 830 nm")
+    band = spectral.group_bands(seen)
+    first = [int(np.flatnonzero(band == b)[0]) for b in range(band.max() + 1)]
+    quadrature = [spectral.gauss_quadrature(seen[j]) for j in first]
+    return Leds(
+        emitter=[e for _, e in named],
+        power=power,
+        peak_nm=spectral.WAVELENGTH_NM[irradiance.argmax(axis=1)],
+        peak=irradiance.max(axis=1),
+        band=band,
+        node_nm=np.array([node for node, _ in quadrature]),
+        weight=np.array([weight for _, weight in quadrature]),
+        band_wavelength_nm=spectral.integrate(seen[first] * spectral.WAVELENGTH_NM) / power[first],
+    )
+
+
+def _is_far(emitter: mi.Emitter) -> bool:
+    return mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection)
+
+
+def _natural(name: str) -> list:
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+
+
+def _packets() -> mi.Spectrum:
+    """Lay the wavelength grid out as four-wavelength packets."""
+    padded = np.append(spectral.WAVELENGTH_NM, np.full(-len(spectral.WAVELENGTH_NM) % 4, 830.0))
+    return mi.Spectrum(np.ascontiguousarray(padded.reshape(-1, 4).T.astype(np.float32)))
+
+
+def _unpack(value: mi.Spectrum) -> np.ndarray:
+    n_packet = -(-len(spectral.WAVELENGTH_NM) // 4)  # a flat spectrum comes as a single packet
+    return np.broadcast_to(np.array(value, dtype=float).T, (n_packet, 4)).ravel()[: len(spectral.WAVELENGTH_NM)]
+
+
+def _spectrum(scene: mi.Scene, emitter: mi.Emitter) -> np.ndarray:
+    """Read an emitter's spectrum by asking what it sends to a place that it lights."""
+    shape = emitter.get_shape()
+    it = dr.zeros(mi.SurfaceInteraction3f)
+    if shape is not None:
+        on_light = shape.sample_position(0.0, mi.Point2f(0.5))
+        it.p, it.n = on_light.p, on_light.n
+        it.wi = mi.Vector3f(0, 0, 1)
+        it.wavelengths = _packets()
+        return _unpack(emitter.eval(it))
+    box = scene.bbox()
+    it.p = mi.Point3f(box.max) + 1.0 + (box.max - box.min)
+    it.wavelengths = _packets()
+    ds, irradiance = emitter.sample_direction(it, mi.Point2f(0.5))
+    distance = 1.0 if _is_far(emitter) else ds.dist
+    return _unpack(irradiance * dr.square(distance))
+
+
+def _response(texture: mi.Texture | None) -> np.ndarray:
+    if texture is None:
+        return np.ones_like(spectral.WAVELENGTH_NM)
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.wavelengths = _packets()
+    return _unpack(texture.eval(si))

@@ -1,0 +1,338 @@
+"""The `ring` integrator: every LED of a time-multiplexed ring in one pass, one channel each.
+
+A channel is the signal I_xj = A_xj + C_w of a pixel x while LED j alone is lit:
+
+    A_xj = pi INT D(lambda) L_xj(lambda) dlambda,
+
+so that a white Lambertian patch that faces the LED gives INT D E_j. The integral is a Gauss quadrature of
+the measure D E_j, with its four nodes in `si.wavelengths`; LEDs with spectra of the same shape share nodes.
+
+Parameters in a scene file:
+
+`constant_light` (float)
+    C_w, a veil on the sensor that does not depend on the surface. Default 0. Differentiable.
+`response` (spectrum)
+    D, the camera's spectral response. Default 1.
+`max_depth` (integer)
+    Surface points on a light path: 1 is direct light (default), 2 one inter-reflection.
+
+For inverse problems `mi.traverse` also exposes two image-space textures, empty at first. Once they are set,
+they take the place of the surface's normal and reflectance; the scene's geometry then only serves
+visibility, direction and distance of the LEDs, and is traced once:
+
+`normal` (tensor (H, W, 3))
+    Normals in the camera frame (x right, y up, z toward the camera), of any length. Differentiable.
+`reflectance` (tensor (H, W, n_band))
+    Band reflectance. Differentiable.
+"""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from evsdr.integrators.leds import Leds, find_leds
+from evsdr.shading import Illumination, led_signals
+
+
+class RingIntegrator(mi.SamplingIntegrator):
+    """One channel per LED in one pass; see the module's text."""
+
+    def __init__(self, props):
+        super().__init__(props)
+        self.constant_light = mi.Float(props.get("constant_light", 0.0))
+        self.max_depth = props.get("max_depth", 1)
+        self.response = props.get_unbounded_texture("response", 1.0)
+        self.normal = mi.TensorXf(dr.zeros(mi.Float, 0), (0, 0, 3))
+        self.reflectance = mi.TensorXf(dr.zeros(mi.Float, 0), (0, 0, 0))
+        # What was found before. No key holds the scene: it holds the integrator, and neither would be freed.
+        self._leds = None  # (emitters, Leds)
+        self._illumination = None  # ((shapes, emitters, sensor, spp, seed), Illumination)
+        if self.max_depth < 1:
+            raise ValueError(f"ring: max_depth must be at least 1, got {self.max_depth}")
+
+    # ------------------------------------------------------------------ plugin interface
+
+    def traverse(self, callback):
+        callback.put("constant_light", self.constant_light, mi.ParamFlags.Differentiable)
+        callback.put("normal", self.normal, mi.ParamFlags.Differentiable)
+        callback.put("reflectance", self.reflectance, mi.ParamFlags.Differentiable)
+
+    def parameters_changed(self, keys):
+        pass
+
+    def aov_names(self):
+        return []
+
+    def to_string(self):
+        return f"RingIntegrator[constant_light={self.constant_light}, max_depth={self.max_depth}]"
+
+    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
+        """Render the ring.
+
+        Parameters
+        ----------
+        scene : mi.Scene
+            Scene with emitters named `led...`.
+        sensor : int or mi.Sensor
+            Camera. Pixels are averaged over their area (box filter).
+        seed : int
+            Seed of the sampling.
+        spp : int
+            Rays per pixel; 1 goes through the pixel's centre. 0 takes the sampler's number.
+
+        Returns
+        -------
+        mi.TensorXf, (H, W, n_led)
+            Signals, constant light included. Differentiable in the traversed parameters.
+        """
+        sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+        spp = spp or sensor.sampler().sample_count()
+        width, height = sensor.film().crop_size()
+        if self.normal.shape[0] == 0:
+            signal = self.signals(scene, sensor, spp, seed)
+        else:
+            signal = self._textured_signals(scene, sensor, spp, seed)
+        dr.make_opaque(self.constant_light)  # else each value would be a kernel of its own
+        image = dr.ravel(mi.ArrayXf([s + self.constant_light for s in signal]), order="F")
+        if evaluate:
+            dr.eval(image)
+        return mi.TensorXf(image, (int(height), int(width), len(signal)))
+
+    # ------------------------------------------------------------------ forward: the scene's own surfaces
+
+    def leds(self, scene) -> Leds:
+        """Collect the LEDs of a scene; their spectra are read once per scene."""
+        emitters = scene.emitters()
+        if self._leds is None or self._leds[0] != emitters:
+            self._leds = (emitters, find_leds(scene, self.response))
+        return self._leds[1]
+
+    def signals(self, scene, sensor, spp, seed=0) -> list[mi.Float]:
+        """Render A_xj by the scene's own surfaces.
+
+        Returns
+        -------
+        list of mi.Float, (n_led) of width H * W
+            Signals without the constant light.
+        """
+        leds = self.leds(scene)
+
+        def measure(si, ray, rng, active):
+            return self._path_signals(scene, leds, si, ray, rng, active)
+
+        return pixel_mean(scene, sensor, spp, seed, leds.n_led, measure)
+
+    def _path_signals(self, scene, leds, si, ray, rng, active):
+        """Signals of one camera ray: at every surface point of its path each LED is sampled."""
+        context = mi.BSDFContext()
+        node = [mi.Spectrum(n) for n in leds.node_nm.tolist()]
+        signal = [mi.Float(0.0) for _ in range(leds.n_led)]
+        throughput = [mi.Spectrum(w) for w in leds.weight.tolist()]
+        active = active & si.is_valid()
+        if not self.hide_emitters:
+            signal = [float(leds.power[j]) * dr.pi * seen(leds, j, si, active) for j in range(leds.n_led)]
+        for depth in range(self.max_depth):
+            bsdf = si.bsdf(ray)
+            sample = mi.Point2f(rng.next_float32(), rng.next_float32())
+
+            # Light: the same for all wavelengths of an LED but for its spectrum, which the weights hold.
+            for j in range(leds.n_led):
+                ds, geometry = toward_led(leds, j, si, sample, active)
+                si.wavelengths = node[leds.band[j]]
+                f_cos = bsdf.eval(context, si, si.to_local(ds.d), active & (geometry > 0))
+                reflected = dr.sum(f_cos * throughput[leds.band[j]])
+                lit = visible(scene, si, ds, active & (geometry * reflected > 0))
+                signal[j] += dr.select(lit, float(leds.power[j]) * dr.pi * geometry * reflected, 0.0)
+            if depth + 1 == self.max_depth:
+                break
+
+            # Next surface point: one direction serves all bands, each with its own throughput.
+            choice, direction = rng.next_float32(), mi.Point2f(rng.next_float32(), rng.next_float32())
+            for b in range(leds.n_band):
+                si.wavelengths = node[b]
+                bs, weight = bsdf.sample(context, si, choice, direction, active)
+                throughput[b] *= weight
+            ray = si.spawn_ray(si.to_world(bs.wo))
+            active &= bs.pdf > 0
+            si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=False, active=active)
+            active &= si.is_valid()
+        return signal
+
+    # ------------------------------------------------------------------ inverse: image-space textures
+
+    def illumination(self, scene, sensor, spp, seed=0, shadows=True) -> tuple[Illumination, mi.Float]:
+        """Trace what the LEDs send to each pixel of the shape `object`.
+
+        Parameters
+        ----------
+        shadows : bool
+            Trace cast shadows; else every LED is visible.
+
+        Returns
+        -------
+        Illumination
+            Direction (camera frame) and irradiance V g INT D E_j of each LED, mean over the pixel's area.
+        coverage : mi.Float, (H * W)
+            Share of the pixel that the object covers.
+        """
+        leds = self.leds(scene)
+        frame = camera_frame(sensor)
+        far = [leds.is_far(j) for j in range(leds.n_led)]
+        target = find_object(scene)
+
+        def measure(si, ray, rng, active):
+            active = active & si.is_valid() & (si.shape == target)
+            sample = mi.Point2f(rng.next_float32(), rng.next_float32())
+            values = [dr.select(active, mi.Float(1.0), 0.0)]
+            for j in range(leds.n_led):
+                if far[j] and not shadows:
+                    continue
+                ds, geometry = toward_led(leds, j, si, sample, active)
+                lit = visible(scene, si, ds, active) if shadows else active
+                values.append(dr.select(lit, geometry, 0.0))
+                if not far[j]:
+                    values += list(geometry * rotate(frame, ds.d))
+            return values
+
+        n_value = 1 + sum((1 if shadows else 0) if f else 4 for f in far)
+        coverage, *value = pixel_mean(scene, sensor, spp, seed, n_value, measure)
+        value = iter(dr.select(coverage > 0, v / dr.maximum(coverage, 1e-6), 0.0) for v in value)
+        direction, irradiance = [], []
+        for j, power in enumerate(leds.power.tolist()):
+            if far[j]:
+                nowhere = dr.zeros(mi.SurfaceInteraction3f)
+                ds, geometry = toward_led(leds, j, nowhere, mi.Point2f(0.5), mi.Bool(True))
+                direction.append(mi.Vector3f(*(frame @ np.array(ds.d, float).ravel()).tolist()))
+                irradiance.append(power * (next(value) if shadows else geometry))
+            else:
+                irradiance.append(power * next(value))
+                d = mi.Vector3f(next(value), next(value), next(value))
+                length = dr.norm(d)
+                direction.append(dr.select(length > 0, d / dr.maximum(length, 1e-20), mi.Vector3f(0, 0, 1)))
+        return Illumination(direction, irradiance, [int(b) for b in leds.band], self.constant_light), coverage
+
+    def _textured_signals(self, scene, sensor, spp, seed):
+        """Signals by the image-space textures; the geometry's part is traced once."""
+        seed_number = int(seed) if isinstance(seed, int) else int(seed[0])
+        key = (scene.shapes(), scene.emitters(), sensor, spp, seed_number)
+        if self._illumination is None or self._illumination[0] != key:
+            with dr.suspend_grad():
+                self._illumination = (key, self.illumination(scene, sensor, spp, seed)[0])
+        height, width, n_band = self.reflectance.shape
+        if self.normal.shape != (height, width, 3) or n_band != self.leds(scene).n_band:
+            raise ValueError(
+                f"ring: normal must have shape (H, W, 3) and reflectance (H, W, {self.leds(scene).n_band}), "
+                f"got {self.normal.shape} and {self.reflectance.shape}"
+            )
+        normal = dr.unravel(mi.Vector3f, self.normal.array)
+        normal *= dr.rsqrt(dr.maximum(dr.squared_norm(normal), 1e-20))  # a normal of length 0 gives no signal
+        pixel = dr.arange(mi.UInt32, height * width)
+        reflectance = [
+            dr.gather(mi.Float, self.reflectance.array, pixel * n_band + b, mode=dr.ReduceMode.Permute)
+            for b in range(n_band)
+        ]
+        return led_signals(self._illumination[1], normal, reflectance)
+
+
+# ---------------------------------------------------------------------- building blocks
+
+
+def toward_led(leds: Leds, j: int, si, sample, active):
+    """Sample LED j as seen from a surface point, nothing in between.
+
+    Returns
+    -------
+    ds : mi.DirectionSample3f
+        Direction to the LED, in the world.
+    geometry : mi.Float
+        Fall-off g: what arrives, relative to the LED's spectrum.
+    """
+    at_peak = type(si)(si)
+    at_peak.wavelengths = mi.Spectrum(float(leds.peak_nm[j]))
+    ds, arriving = leds.emitter[j].sample_direction(at_peak, sample, active)
+    return ds, dr.select(active, arriving[0] / float(leds.peak[j]), 0.0)
+
+
+def seen(leds: Leds, j: int, si, active) -> mi.Float:
+    """Give the radiance of LED j where the camera looks right at it, relative to the LED's spectrum."""
+    shape = leds.emitter[j].get_shape()
+    if shape is None:
+        return mi.Float(0.0)
+    front = active & (si.shape == mi.ShapePtr(shape)) & (mi.Frame3f.cos_theta(si.wi) > 0)
+    return dr.select(front, 1.0, 0.0)
+
+
+def visible(scene, si, ds, active) -> mi.Bool:
+    """Trace a shadow ray from a surface point to a sampled LED."""
+    return active & ~scene.ray_test(si.spawn_ray_to(ds.p), True, active)
+
+
+def pixel_mean(scene, sensor, spp, seed, n_value, measure) -> list[mi.Float]:
+    """Average a quantity over the area of each pixel.
+
+    Parameters
+    ----------
+    measure : callable (si, ray, rng, active) -> list of mi.Float
+        What to average, of length n_value, from the first surface point that a camera ray meets.
+
+    Returns
+    -------
+    list of mi.Float, (n_value) of width H * W
+    """
+    width, height = (int(n) for n in sensor.film().crop_size())
+    pixel = dr.arange(mi.UInt32, width * height)
+    corner = mi.Vector2f(mi.Float(pixel % width), mi.Float(pixel // width))
+    seed = mi.UInt64(seed)
+    dr.make_opaque(seed)  # else each seed would be a kernel of its own
+    rng = mi.PCG32(size=width * height, initstate=seed)
+    grid = int(np.sqrt(spp))
+    stratified = grid * grid == spp
+
+    def one(s, rng):
+        if spp == 1:
+            offset = mi.Point2f(0.5)
+        else:
+            offset = mi.Point2f(rng.next_float32(), rng.next_float32())
+            if stratified:
+                offset = (offset + mi.Point2f(mi.Float(s % grid), mi.Float(s // grid))) / grid
+        position = (corner + offset) / mi.Vector2f(width, height)
+        ray, _ = sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
+        si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True)
+        return measure(si, ray, rng, mi.Bool(True))
+
+    if spp == 1:
+        return one(mi.UInt32(0), rng)
+
+    def body(s, rng, *total):
+        value = one(s, rng)
+        return (s + 1, rng, *(t + v for t, v in zip(total, value)))
+
+    zero = [dr.zeros(mi.Float, width * height) for _ in range(n_value)]
+    state = dr.while_loop((mi.UInt32(0), rng, *zero), lambda s, *_: s < spp, body, label="pixel samples")
+    return [total / spp for total in state[2:]]
+
+
+def camera_frame(sensor) -> np.ndarray:
+    """Give the axes of the camera frame (right, up, toward the camera) in the world, as rows (3, 3).
+
+    Mitsuba's own camera axes are left, up, away from the camera.
+    """
+    matrix = np.array(sensor.world_transform().matrix, float).reshape(4, 4)[:3, :3]
+    axes = matrix / np.linalg.norm(matrix, axis=0)
+    return np.array([-axes[:, 0], axes[:, 1], -axes[:, 2]])
+
+
+def rotate(frame: np.ndarray, v: mi.Vector3f) -> mi.Vector3f:
+    """Turn world vectors into the camera frame."""
+    return mi.Vector3f(*(dr.dot(mi.Vector3f(*row), v) for row in frame.tolist()))
+
+
+def find_object(scene) -> mi.ShapePtr:
+    """Find the shape with the id `object`."""
+    for shape in scene.shapes():
+        if shape.id() == "object":
+            return mi.ShapePtr(shape)
+    raise ValueError("no shape has the id 'object'")
+
+
+mi.register_integrator("ring", lambda props: RingIntegrator(props))

@@ -1,0 +1,67 @@
+"""What is installed, and that a bare checkout works like it."""
+
+import importlib
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from conftest import REPOSITORY
+
+import evsdr
+
+tomllib = pytest.importorskip("tomllib")  # from Python 3.11 on
+
+PYPROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
+PROJECT = PYPROJECT["project"]
+
+
+@pytest.mark.parametrize("name", ["evsdr-fit", "evsdr-simulate"])
+def test_console_scripts_lead_to_a_function(name):
+    module, function = PROJECT["scripts"][name].split(":")
+    assert callable(getattr(importlib.import_module(module), function))
+
+
+@pytest.mark.parametrize("module", ["evsdr", "evsdr.jit", "evsdr.records", "evsdr.errors"])
+def test_import_is_cheap(module):
+    heavy = {"mitsuba", "drjit", "numba", "scipy"}
+    code = f"import sys, {module}; print(*({heavy} & set(sys.modules)))"
+    assert _run(code, REPOSITORY, {}) == ""
+
+
+def test_bare_checkout_imports_what_lies_beside_the_package(tmp_path):
+    code = "import evsdr.integrators, evsdr.scenes; print(evsdr.integrators.__file__)"
+    file = _run(code, tmp_path, {"PYTHONPATH": str(REPOSITORY)})
+    assert file == str(REPOSITORY / "integrators" / "__init__.py")
+
+
+def test_every_file_of_the_scenes_is_packaged():
+    scenes = REPOSITORY / "scenes"
+    patterns = PYPROJECT["tool"]["setuptools"]["package-data"]["evsdr.scenes"]
+    packaged = {file for pattern in patterns for file in scenes.glob(pattern)}
+    data = {file for file in scenes.rglob("*.*") if file.suffix not in {".py", ".pyc", ".md"}}
+    assert scenes / "sphere_pole.xml" in data
+    assert data - packaged == set()
+
+
+def test_every_dependency_has_one_exact_version():
+    pins = (REPOSITORY / ".ci" / "constraints.txt").read_text()
+    wanted = PROJECT["dependencies"] + PROJECT["optional-dependencies"]["test"]
+    for name in ["pip", "setuptools", *(re.match(r"[\w-]+", line)[0] for line in wanted)]:
+        assert re.search(rf"^{name}==\S+", pins, re.MULTILINE), f"{name} has no version in .ci/constraints.txt"
+    exact = [line for line in wanted if "==" in line]
+    assert exact
+    for line in exact:
+        assert line in pins.splitlines()
+
+
+def test_version_is_in_the_changelog():
+    assert f"## [{evsdr.__version__}]" in (REPOSITORY / "CHANGELOG.md").read_text()
+
+
+def _run(code, folder, variables):
+    command = [sys.executable, "-c", code]
+    environment = os.environ | variables
+    run = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+    return run.stdout.strip()
