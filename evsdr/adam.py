@@ -13,7 +13,7 @@ import drjit as dr
 import numpy as np
 from drjit.opt import AdamW
 
-from evsdr.event_terms import PairData, Tables, ends, flatten_leds, relative_residual, threshold_met
+from evsdr.event_terms import PairData, ends, relative_residual, signal_table
 from evsdr.shading import Illumination, led_signals
 
 GATE_DEG = 11.88  # half-peak width of a Blinn-Phong lobe of shininess 32 (supplement, eq. 11)
@@ -91,7 +91,7 @@ def solve(
     rng = np.random.default_rng(seed)
     n_pixel, n_band, rank = len(pixel), illumination.n_band, settings.rank
     n = dr.opaque(UInt32, n_pixel)
-    pair = dr.arange(UInt32, dr.width(pairs.polarity))
+    pair = dr.arange(UInt32, dr.width(pairs.phases) // 2)
     pixel_of_pair = UInt32(np.repeat(np.arange(n_pixel, dtype=np.uint32), np.diff(pairs.offset.numpy())))
     dr.make_opaque(pair, pixel_of_pair)
     half = [dr.normalize(d + Array3f(0, 0, 1)) for d in illumination.direction]
@@ -118,8 +118,7 @@ def solve(
         """Weight of each pair: low where the normal is near the half vector of one of its LEDs."""
         angle = [dr.acos(dr.minimum(dr.dot(normal, h), 1.0)) for h in half]
         gloss = [(1.0 - settings.gate_floor) * dr.exp(-dr.square(x / float(np.radians(GATE_DEG)))) for x in angle]
-        table = Tables(flatten_leds(gloss, n_pixel), None, None, Float(0.0))
-        start, end = ends(table, pairs, pair, pixel_of_pair, n, True)
+        start, end, _ = ends(signal_table(gloss, n_pixel), pairs, pair, pixel_of_pair, n, True)
         return (1.0 - start) * (1.0 - end)
 
     @dr.freeze(state_fn=lambda *_: (illumination, pairs, pair, pixel_of_pair, n, half))
@@ -127,9 +126,10 @@ def solve(
         variables = dict(optimiser.items())
         normal = dr.normalize(Array3f(*(variables[name] for name in maps[:3])))
         signal = led_signals(illumination, normal, reflectance_of(variables))
-        table = Tables(flatten_leds(signal, n_pixel), None, None, illumination.constant_light)
-        u = relative_residual(table, pairs, pair, pixel_of_pair, n, True)
-        _, threshold = threshold_met(pairs, pair, pixel_of_pair, True)
+        table = signal_table(signal, n_pixel)
+        u, threshold = relative_residual(
+            table, pairs, illumination.constant_light, pair, pixel_of_pair, n, True
+        )
         loss = dr.mean(gate(dr.detach(normal)) * dr.square(threshold * u))
         for name, target in zip(maps, smooth):
             loss += settings.consistency * dr.mean(dr.square(variables[name] - target))

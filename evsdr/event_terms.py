@@ -12,6 +12,7 @@ import sys
 from dataclasses import dataclass
 
 import drjit as dr
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -22,98 +23,118 @@ class PairData:
     ----------
     offset : UInt32, (n_pixel + 1)
         Pairs of pixel i are offset[i] .. offset[i+1].
-    phase_start, phase_end : Float, (n_pair)
-        Phase of the ring (slot + crossfade fraction) at which a pair starts and ends.
-    polarity : Float, (n_pair)
-        +1 or -1.
+    phases : Float, (n_pair * 2)
+        For each pair the phase of the ring (slot + crossfade fraction) at its start, and 1 + that at its
+        end, with the sign of its polarity.
     threshold_on, threshold_off : Float, (n_pixel)
         Contrast thresholds.
-    slot_led, slot_band : UInt32, (n_slot + 1)
-        LED of each slot, the first again after the last, and its band; LED n_led is darkness.
+    slot_leds : UInt32, (n_slot)
+        LED of each slot, plus 65536 times that of the next; LED n_led is darkness.
     """
 
     offset: object
-    phase_start: object
-    phase_end: object
-    polarity: object
+    phases: object
     threshold_on: object
     threshold_off: object
-    slot_led: object
-    slot_band: object
+    slot_leds: object
 
 
-@dataclass(frozen=True)
-class Tables:
-    """Signals of all LEDs and darkness, LED after LED: entry j * n_pixel + pixel.
+def pack_phases(start: np.ndarray, end: np.ndarray, polarity: np.ndarray) -> np.ndarray:
+    """Interleave phases (n_pair) for `PairData`: one look-up fetches all there is to know of a pair."""
+    return np.stack([start, polarity * (1 + end)], axis=-1).astype(np.float32).ravel()
 
-    Attributes
-    ----------
-    signal, by_p, by_q : Float, ((n_led + 1) * n_pixel)
-        A_xj and its derivatives by the slopes.
-    constant_light : Float
-        C_w; a floor keeps the logarithm finite where it is 0.
+
+def pack_slots(order: np.ndarray, n_led: int) -> np.ndarray:
+    """Combine the LED of each slot with that of the next for `PairData`; -1 is darkness."""
+    led = np.where(order < 0, n_led, order).astype(np.uint32)
+    return led + np.uint32(65536) * np.roll(led, -1)
+
+
+def unpack_pair(pairs: PairData, k, active):
+    """Fetch phase at start, phase at end and polarity of pair k."""
+    Float = type(pairs.phases)
+    start, coded = dr.gather(_array(Float, 2), pairs.phases, k, active)
+    return start, dr.abs(coded) - 1.0, dr.select(coded > 0, Float(1.0), Float(-1.0))
+
+
+def _array(Float: type, size: int) -> type:
+    """Give the type of small vectors of a Float type."""
+    return getattr(sys.modules[Float.__module__], f"Array{size}f")
+
+
+def _lit(pairs: PairData, phase, active):
+    """Tell which two LEDs are lit at a phase, and their shares."""
+    slot = type(pairs.offset)(phase)
+    fade = phase - type(phase)(slot)
+    leds = dr.gather(type(pairs.offset), pairs.slot_leds, slot, active)
+    return ((leds & 0xFFFF, 1.0 - fade), (leds >> 16, fade))
+
+
+# ---------------------------------------------------------------------- residuals
+
+
+def signal_table(signal: list, n_pixel: int):
+    """Lay per-LED values out LED after LED, with a row of zeros for darkness: ((n_led + 1) * n_pixel)."""
+    Float = type(signal[0])
+    rows = [dr.zeros(Float, n_pixel) + row for row in signal] + [dr.zeros(Float, n_pixel)]
+    return dr.concat(rows)
+
+
+def ends(table, pairs: PairData, k, pixel, n_pixel, active):
+    """Look up the values of a `signal_table` at start and end of pair k, and the pair's polarity."""
+    Float = type(pairs.phases)
+    *phases, polarity = unpack_pair(pairs, k, active)
+    values = [
+        sum(share * dr.gather(Float, table, led * n_pixel + pixel, active) for led, share in _lit(pairs, phase, active))
+        for phase in phases
+    ]
+    return *values, polarity
+
+
+def relative_residual(table, pairs: PairData, constant_light, k, pixel, n_pixel, active):
+    """Give u of pair k, of that pixel, and the threshold C that it met.
+
+    Differentiable in the table of signals.
     """
-
-    signal: object
-    by_p: object
-    by_q: object
-    constant_light: object
-
-
-def flatten_leds(per_led: list, n_pixel: int):
-    """Lay per-LED arrays out LED after LED, with a row of zeros for darkness."""
-    Float = type(per_led[0])
-    ArrayXf = sys.modules[Float.__module__].ArrayXf
-    rows = ArrayXf([dr.zeros(Float, n_pixel) + row for row in per_led] + [dr.zeros(Float, n_pixel)])
-    return dr.ravel(rows, order="C")
-
-
-def _end(tables: Tables, pairs: PairData, phase, pixel, n_pixel, active, slopes: bool):
-    """Look up the light at one end of a pair: its two LEDs, their weights, bands and signals."""
-    Float, UInt32 = type(phase), type(pixel)
-    slot = UInt32(phase)
-    fade = phase - Float(slot)
-    leds = []
-    for step, weight in ((0, 1.0 - fade), (1, fade)):
-        led = dr.gather(UInt32, pairs.slot_led, slot + step, active)
-        band = dr.gather(UInt32, pairs.slot_band, slot + step, active)
-        at = led * n_pixel + pixel
-        tables_used = (tables.signal, tables.by_p, tables.by_q) if slopes else (tables.signal,)
-        leds.append((band, [weight * dr.gather(Float, table, at, active) for table in tables_used]))
-    intensity = leds[0][1][0] + leds[1][1][0] + tables.constant_light
-    return intensity, leds
-
-
-def ends(tables: Tables, pairs: PairData, k, pixel, n_pixel, active):
-    """Look up the tables' signal plus constant light at start and end of pair k."""
-    Float = type(pairs.phase_start)
-    phases = (dr.gather(Float, p, k, active) for p in (pairs.phase_start, pairs.phase_end))
-    start, end = (_end(tables, pairs, phase, pixel, n_pixel, active, False)[0] for phase in phases)
-    return start, end
-
-
-def threshold_met(pairs: PairData, k, pixel, active):
-    """Look up the polarity of pair k and the threshold that it met."""
-    Float = type(pairs.polarity)
-    polarity = dr.gather(Float, pairs.polarity, k, active)
+    Float = type(pairs.phases)
+    start, end, polarity = ends(table, pairs, k, pixel, n_pixel, active)
     on, off = (dr.gather(Float, value, pixel, active) for value in (pairs.threshold_on, pairs.threshold_off))
-    return polarity, dr.select(polarity > 0, on, off)
+    threshold = dr.select(polarity > 0, on, off)
+    u = polarity * dr.log((end + constant_light) / (start + constant_light)) / threshold - 1.0
+    return dr.select(active, u, 0.0), threshold
 
 
-def relative_residual(tables: Tables, pairs: PairData, k, pixel, n_pixel, active):
-    """Give u of pair k, of that pixel; 0 where inactive. Differentiable in the tables' signal."""
-    start, end = ends(tables, pairs, k, pixel, n_pixel, active)
-    polarity, threshold = threshold_met(pairs, k, pixel, active)
-    return dr.select(active, polarity * dr.log(end / start) / threshold - 1.0, 0.0)
+# ---------------------------------------------------------------------- normal equations
 
 
-def normal_equations(tables: Tables, pairs: PairData, n_pixel, n_band: int, scale, robust):
+def derivative_table(signal: list, by_p: list, by_q: list, band: list, n_pixel: int):
+    """Lay signals, their slope derivatives and the LED's band out for one look-up each.
+
+    Returns
+    -------
+    Float, ((n_led + 1) * n_pixel * 4)
+        LED after LED, darkness last; in each, pixel after pixel.
+    """
+    Float = type(signal[0])
+    Array4f = _array(Float, 4)
+    pixel = dr.arange(dr.uint32_array_t(Float), n_pixel)
+    table = dr.zeros(Float, (len(signal) + 1) * n_pixel * 4)
+    for j, row in enumerate(zip(signal, by_p, by_q, band)):
+        dr.scatter(table, Array4f(*row), pixel + j * n_pixel, mode=dr.ReduceMode.NoConflicts)
+    return table
+
+
+def normal_equations(table, pairs: PairData, constant_light, n_pixel, n_band: int, scale, robust):
     """Sum cost, gradient and Gauss-Newton matrix of each pixel over its pairs.
 
     The cost of a pair is Cauchy's, robust^2 / 2 log(1 + (r / robust)^2) for r = u / scale.
 
     Parameters
     ----------
+    table : Float
+        See `derivative_table`.
+    constant_light : Float
+        C_w, above 0.
     n_pixel : UInt32
         Number of pixels, opaque.
     scale : Float
@@ -129,7 +150,8 @@ def normal_equations(tables: Tables, pairs: PairData, n_pixel, n_band: int, scal
     matrix : list of Float, ((2 + n_band)(3 + n_band) / 2)
         Lower triangle, row after row.
     """
-    Float, UInt32 = type(pairs.phase_start), type(pairs.offset)
+    Float, UInt32 = type(pairs.phases), type(pairs.offset)
+    Array4f = _array(Float, 4)
     n = 2 + n_band
     pixel = dr.arange(UInt32, dr.width(pairs.threshold_on))
     first = dr.gather(UInt32, pairs.offset, pixel)
@@ -137,19 +159,23 @@ def normal_equations(tables: Tables, pairs: PairData, n_pixel, n_band: int, scal
 
     def body(k, cost, *sums):
         active = k < last
+        *phases, polarity = unpack_pair(pairs, k, active)
         jacobian = [Float(0.0) for _ in range(n)]
         intensity = []
-        for sign, phases in ((-1.0, pairs.phase_start), (1.0, pairs.phase_end)):
-            phase = dr.gather(Float, phases, k, active)
-            total, leds = _end(tables, pairs, phase, pixel, n_pixel, active, True)
-            per = sign * dr.rcp(total)
+        for sign, phase in zip((-1.0, 1.0), phases):
+            lit = [
+                (share, dr.gather(Array4f, table, led * n_pixel + pixel, active))
+                for led, share in _lit(pairs, phase, active)
+            ]
+            total = constant_light + sum(share * entry[0] for share, entry in lit)
             intensity.append(total)
-            for band, (signal, by_p, by_q) in leds:
-                jacobian[0] += per * by_p
-                jacobian[1] += per * by_q
+            for share, (signal, by_p, by_q, band) in lit:
+                part = sign * share / total
+                jacobian[0] += part * by_p
+                jacobian[1] += part * by_q
                 for b in range(n_band):
-                    jacobian[2 + b] += dr.select(band == b, per * signal, 0.0)
-        polarity, threshold = threshold_met(pairs, k, pixel, active)
+                    jacobian[2 + b] += dr.select(band == b, part * signal, 0.0)
+        threshold = dr.select(polarity > 0, pairs.threshold_on, pairs.threshold_off)
         to_relative = polarity / (threshold * scale)
         r = to_relative * dr.log(intensity[1] / intensity[0]) - dr.rcp(scale)
         excess = dr.square(r / robust)

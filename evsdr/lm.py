@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-from evsdr.event_terms import PairData, Tables, flatten_leds, normal_equations, relative_residual
+from evsdr.event_terms import PairData, derivative_table, normal_equations, relative_residual, signal_table
 
 SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
 REFLECTANCE_CENTRE, LOG_REFLECTANCE_SIGMA = 0.25, 2.0  # weak prior: 0.03 .. 2 within one sigma
@@ -137,7 +137,8 @@ def solve(
     Parameters
     ----------
     model : callable (p, q, reflectance, softness) -> (signal, by_p, by_q)
-        Forward model, such as `shading.LambertianRing`; a PyTree of Dr.Jit arrays, and lists over LEDs.
+        Forward model, such as `shading.LambertianRing`: a PyTree of Dr.Jit arrays with the bands of the LEDs
+        in `illumination.band`; gives lists over LEDs.
     pairs : PairData
         Event pairs.
     constant_light : Float
@@ -163,16 +164,13 @@ def solve(
 
     freeze = dr.freeze(state_fn=lambda *_: (model, pairs, constant_light, n_pixel))
 
-    def tables(theta, softness):
-        reflectance = [dr.exp(t) for t in theta[2:]]
-        flat = [flatten_leds(rows, dr.width(theta[0])) for rows in model(theta[0], theta[1], reflectance, softness)]
-        dr.eval(flat)
-        return Tables(*flat, constant_light)
-
     def evaluate(theta, softness, noise):
         """Cost, gradient and matrix, prior included."""
+        reflectance = [dr.exp(t) for t in theta[2:]]
+        signals = model(theta[0], theta[1], reflectance, softness)
+        table = derivative_table(*signals, model.illumination.band, dr.width(theta[0]))
         cost, gradient, matrix = normal_equations(
-            tables(theta, softness), pairs, n_pixel, n_unknown - 2, noise, effort.robust
+            table, pairs, constant_light, n_pixel, n_unknown - 2, noise, effort.robust
         )
         for i, (t, centre, sigma) in enumerate(zip(theta, prior_centre, prior_sigma)):
             z = (t - centre) / sigma
@@ -207,11 +205,12 @@ def solve(
     def residuals(theta, softness):
         """|u| of every pair."""
         pixel = dr.arange(UInt32, dr.width(theta[0]))
-        look_up = tables(theta, softness)
-        out = dr.zeros(Float, dr.width(pairs.polarity))
+        signal, _, _ = model(theta[0], theta[1], [dr.exp(t) for t in theta[2:]], softness)
+        table = signal_table(signal, dr.width(theta[0]))
+        out = dr.zeros(Float, dr.width(pairs.phases) // 2)
 
         def body(k, out):
-            u = relative_residual(look_up, pairs, k, pixel, n_pixel, k < last)
+            u, _ = relative_residual(table, pairs, constant_light, k, pixel, n_pixel, k < last)
             dr.scatter(out, dr.abs(u), k, k < last, mode=dr.ReduceMode.NoConflicts)
             return k + 1, out
 

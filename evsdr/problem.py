@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from evsdr.event_terms import PairData
+from evsdr.event_terms import PairData, pack_phases, pack_slots
 from evsdr.pairs import Pairs
 from evsdr.records import Recording
 from evsdr.shading import Illumination
@@ -58,11 +58,6 @@ def make_problem(recording: Recording, pairs: Pairs, light: Illumination, mask: 
     count = np.diff(pairs.offset)[pixel]
     chosen = np.repeat(mask.ravel(), np.diff(pairs.offset))
     offset = np.concatenate([[0], np.cumsum(count)])
-    band = np.append(light.band, 0).astype(np.uint32)
-    order = np.asarray(recording.schedule.order)
-    slot_led = np.where(order < 0, light.n_led, order)
-    slot_led = np.append(slot_led, slot_led[0]).astype(np.uint32)
-
     def threshold(value):
         return mi.Float(np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
 
@@ -71,13 +66,12 @@ def make_problem(recording: Recording, pairs: Pairs, light: Illumination, mask: 
         pixel=pixel,
         pairs=PairData(
             offset=mi.UInt32(offset.astype(np.uint32)),
-            phase_start=mi.Float(pairs.phase_start[chosen]),
-            phase_end=mi.Float(pairs.phase_end[chosen]),
-            polarity=mi.Float(pairs.polarity[chosen].astype(np.float32)),
+            phases=mi.Float(
+                pack_phases(pairs.phase_start[chosen], pairs.phase_end[chosen], pairs.polarity[chosen])
+            ),
             threshold_on=threshold(sensor.contrast_threshold_on),
             threshold_off=threshold(sensor.contrast_threshold_off),
-            slot_led=mi.UInt32(slot_led),
-            slot_band=mi.UInt32(band[slot_led]),
+            slot_leds=mi.UInt32(pack_slots(recording.schedule.order, light.n_led)),
         ),
         illumination=_of_pixels(light, mi.UInt32(pixel.astype(np.uint32))),
         neighbour=neighbours(mask),

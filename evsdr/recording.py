@@ -4,6 +4,7 @@ Layout: `CD/events` and `EXT_TRIGGER/events` as in Metavision's HDF5 files, root
 `height`, groups `sensor` and `schedule`.
 """
 
+import io
 import re
 import warnings
 from pathlib import Path
@@ -86,7 +87,8 @@ def write_recording(path: str | Path, recording: Recording) -> None:
     """
     events, sensor, schedule = recording.events, recording.sensor, recording.schedule
     compression = dict(compression="gzip", compression_opts=4, shuffle=True)
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    image = io.BytesIO()  # as HDF5 can crash on a full disk
+    with h5py.File(image, "w") as file:
         file.attrs["width"], file.attrs["height"] = sensor.width, sensor.height
         table = np.zeros(len(events), EVENT_DTYPE)
         for name in EVENT_DTYPE.names:
@@ -106,6 +108,8 @@ def write_recording(path: str | Path, recording: Recording) -> None:
         group["order"] = np.asarray(schedule.order, np.int32)
         for name in ("slot_us", "crossfade", "start_us"):
             group.attrs[name] = _finite(name, getattr(schedule, name))
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(image.getbuffer())
 
 
 def _finite(name: str, value: float) -> float:

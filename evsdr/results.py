@@ -136,10 +136,13 @@ def reflectance_to_srgb(reflectance: np.ndarray, wavelength_nm: np.ndarray) -> n
 
 
 def write_exr(path: Path, channels: dict[str, np.ndarray], **attributes: str) -> None:
-    """Write a float EXR with the given channels and header attributes."""
+    """Write a float EXR with the given channels and header attributes; raises OSError."""
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **attributes}
     pixels = {name: np.ascontiguousarray(channel, np.float32) for name, channel in channels.items()}
-    OpenEXR.File(header, pixels).write(str(path))
+    try:
+        OpenEXR.File(header, pixels).write(str(path))
+    except RuntimeError as error:
+        raise OSError(str(error)) from error
 
 
 def write_png(path: Path, image: np.ndarray) -> None:

@@ -1,5 +1,7 @@
 """events.h5: what is written is read back, and each fault is named in one sentence."""
 
+import resource
+
 import h5py
 import numpy as np
 import pytest
@@ -304,6 +306,18 @@ def test_failed_writing_keeps_the_old_file(path):
 def test_unwritable_place(tmp_path, recording):
     with pytest.raises(InputError, match=r"none/events\.h5: cannot be written \(No such file or directory\)"):
         write_recording(tmp_path / "none" / "events.h5", recording)
+
+
+def test_full_disk(path, recording):
+    before = path.read_bytes()
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limit[1]))
+    try:
+        with pytest.raises(InputError, match="cannot be written"):
+            write_recording(path, recording)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert list(path.parent.iterdir()) == [path] and path.read_bytes() == before
 
 
 def test_atomic_folder_moves_all_or_nothing(tmp_path):

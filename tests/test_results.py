@@ -11,7 +11,7 @@ import pytest
 
 from evsdr.errors import InputError
 from evsdr.records import Maps
-from evsdr.results import encode_normal, reflectance_to_srgb, spectral_channels, write_results
+from evsdr.results import encode_normal, reflectance_to_srgb, spectral_channels, write_exr, write_results
 
 HEIGHT, WIDTH = 6, 9
 WAVELENGTH_NM = np.array([620.0, 405, 450, 470, 505, 525, 590, 660], np.float32)  # not in order
@@ -195,6 +195,11 @@ def test_failure_leaves_nothing(tmp_path, maps):
         write_results(tmp_path, broken, {})
     assert [file.name for file in tmp_path.iterdir()] == ["maps.npz"]
     assert (tmp_path / "maps.npz").read_text() == "old"
+
+
+def test_unwritable_exr(tmp_path):
+    with pytest.raises(OSError, match="x.exr"):
+        write_exr(tmp_path / "none" / "x.exr", {"RGB": np.zeros((2, 2, 3))})
 
 
 def test_out_that_is_a_file(tmp_path, maps):
