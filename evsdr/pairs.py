@@ -11,6 +11,7 @@ from evsdr.ring_light import phase
 
 ROUNDING_US = 1.0  # times are whole microseconds
 TOO_CLOSE_SHARE = 0.05  # of pairs within the refractory period, before a warning
+CHUNK = 1 << 17  # times whose phases are computed together: they stay in the cache
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,9 @@ def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
 
 def _single_phase(t_us: np.ndarray, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     """Give phases in float32; what rounds up to n_slot becomes 0, where the light is the same."""
-    exact, inside = phase(t_us, recording.schedule, recording.round_start_us)
-    single = exact.astype(np.float32)
+    single, inside = np.empty(len(t_us), np.float32), np.empty(len(t_us), bool)
+    for k in range(0, len(t_us), CHUNK):
+        part = slice(k, k + CHUNK)
+        single[part], inside[part] = phase(t_us[part], recording.schedule, recording.round_start_us)
     single[single >= len(recording.schedule.order)] = 0
     return single, inside

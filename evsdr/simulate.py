@@ -1,7 +1,7 @@
 """`python -m evsdr.simulate scene.xml --out DIR`: record a scene under its ring with simulated event pixels."""
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -41,7 +41,7 @@ class Options:
     pixel: EventPixel = EventPixel()
     """The event pixel; by default that of an EVK4."""
     ideal: bool = False
-    """Leave out all that --pixel does not ask for but thresholds and refractory period."""
+    """Leave out spread, lag, shot noise, leak and hot pixels; thresholds, event noise and refractory period stay."""
     thresholds: Literal["calibrated", "nominal"] = "calibrated"
     """What events.h5 tells of the thresholds: those of each pixel, or one nominal value."""
     spp: int = 16
@@ -52,6 +52,11 @@ class Options:
         tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction
     ] = field(default=())
     """name=value for a <default> parameter of the scene file; may be repeated."""
+
+
+IDEAL = dict(
+    spread_on=0.0, spread_off=0.0, cutoff_hz=0.0, photon_rate_per_us=0.0, leak_hz=0.0, hot_fraction=0.0, hot_hz=0.0
+)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -110,7 +115,7 @@ def record(signal: np.ndarray, constant_light: float, options: Options, progress
     """Let event pixels watch the ring go round."""
     n_led, height, width = signal.shape
     schedule = Schedule(np.arange(n_led, dtype=np.int32), options.slot_us, options.crossfade)
-    pixel = options.pixel.idealised() if options.ideal else options.pixel
+    pixel = replace(options.pixel, **IDEAL) if options.ideal else options.pixel
     events, on, off, round_start_us = simulate_events(
         signal,
         constant_light,

@@ -27,7 +27,7 @@ CASES = (  # samples per pixel, max_depth of ring, stock integrator, its name
 
 
 def report(size: int = 256, n_led: int = 24, repetitions: int = 9) -> None:
-    """Time one pass of the ring integrator against one stock render per LED, each of a scene with this LED alone.
+    """Time one pass of the ring integrator against a stock render per LED, each of a scene with this LED alone.
 
     Both take turns after a warm-up. No ray that leaves a surface at random can hit a far LED, so
     bsdf_samples=0 is the fastest that stock `direct` can be; its default is shown, too.
@@ -38,11 +38,11 @@ def report(size: int = 256, n_led: int = 24, repetitions: int = 9) -> None:
         mi.load_dict({"type": "scene", "camera": camera(size), "object": shape, name: led})
         for name, led in leds.items()
     ]
-    title = f"{n_led} LEDs, {size} x {size} pixels, {shape.face_count():,} triangles; ms are minimum / median"
-    table = Table(title=title)
-    for heading in ("spp", "max_depth", "ring [ms]", f"{n_led} renders [ms]", "times faster"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("stock integrator", no_wrap=True)
+    title = f"{n_led} LEDs, {size} x {size} pixels, {shape.face_count():,} triangles; minimum / median"
+    table = Table(title=title, box=None)
+    for heading in ("spp", "depth", "one pass, ms", f"{n_led} renders, ms", "faster"):
+        table.add_column(heading, justify="right")
+    table.add_column("stock integrator")
     for spp, max_depth, stock, name in track(CASES, "ring", transient=True):
         one_pass, reference = mi.load_dict({"type": "ring", "max_depth": max_depth}), mi.load_dict(stock)
 

@@ -25,9 +25,9 @@ def plain(tmp_path_factory):
 
     folder = tmp_path_factory.mktemp("plain")
     shutil.copytree(SCENES, folder, ignore=shutil.ignore_patterns("*.py", "__pycache__"), dirs_exist_ok=True)
+    ring = re.compile('<integrator type="ring">.*?</integrator>', re.S)
     for name in NAMES:
         text = (folder / f"{name}.xml").read_text()
-        ring = re.compile('<integrator type="ring">.*?</integrator>', re.S)
         text, n = ring.subn('<integrator type="direct"/>', text)
         assert n == 1
         (folder / f"{name}.xml").write_text(text)
