@@ -40,12 +40,12 @@ clean:  ## remove the environment, the demo's results and what builds leave
 	$(PIP) install $(PINNED) --no-build-isolation --editable '.[test]'
 	@touch $@
 
-# A libLLVM that Mitsuba can use, where apt has one: installed by root, else unpacked into .venv/llvm.
+# What Mitsuba loads, where apt has it: installed for root, else libLLVM unpacked into .venv/llvm.
 define GET_LLVM
 if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	apt-get update; \
 	for version in 19 22 20 21; do \
-		DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends libllvm$$version && break; \
+		DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends libatomic1 libllvm$$version && break; \
 	done; \
 elif command -v apt-get >/dev/null; then \
 	(cd .venv && apt-get download libllvm19 && dpkg -x libllvm19_*.deb llvm && rm libllvm19_*.deb); \

@@ -86,7 +86,7 @@ def solve(
     normal : (n_pixel, 3) float32
     reflectance : (n_pixel, n_band) float32
     """
-    Float, UInt32 = type(pairs.phase_start), type(pairs.offset)
+    Float, UInt32 = type(pairs.phases), type(pairs.offset)
     Array3f = type(illumination.direction[0])
     rng = np.random.default_rng(seed)
     n_pixel, n_band, rank = len(pixel), illumination.n_band, settings.rank

@@ -1,5 +1,6 @@
 """The steps of a fit that touch Mitsuba: light, problem, solvers, maps."""
 
+import gc
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -94,6 +95,7 @@ def solve(
     options : fit.Options
         `solver`, `preset`, `shadows` and `seed` count.
     """
+    gc.collect()  # an old scene freed while Dr.Jit records a frozen function would abort the process
     light = problem.illumination
     normal = start_normal.reshape(-1, 3)[problem.pixel]
     effort = lm.PRESETS[options.preset]

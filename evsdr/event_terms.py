@@ -28,8 +28,9 @@ class PairData:
         end, with the sign of its polarity.
     threshold_on, threshold_off : Float, (n_pixel)
         Contrast thresholds.
-    slot_leds : UInt32, (n_slot)
-        LED of each slot, plus 65536 times that of the next; LED n_led is darkness.
+    slot_leds : UInt32, (n_slot + 1)
+        LED of each slot, plus 65536 times that of the next; LED n_led is darkness. The first slot stands
+        again at the end, for phases that round up.
     """
 
     offset: object
@@ -47,7 +48,8 @@ def pack_phases(start: np.ndarray, end: np.ndarray, polarity: np.ndarray) -> np.
 def pack_slots(order: np.ndarray, n_led: int) -> np.ndarray:
     """Combine the LED of each slot with that of the next for `PairData`; -1 is darkness."""
     led = np.where(order < 0, n_led, order).astype(np.uint32)
-    return led + np.uint32(65536) * np.roll(led, -1)
+    leds = led + np.uint32(65536) * np.roll(led, -1)
+    return np.append(leds, leds[0])
 
 
 def unpack_pair(pairs: PairData, k, active):

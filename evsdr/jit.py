@@ -31,8 +31,8 @@ print(major.value)
 """
 
 _INSTALL = (
-    ("apt-get", f"sudo apt-get install libllvm{OLDEST} (a release without it: see apt.llvm.org)"),
-    ("dnf", "sudo dnf install llvm-libs"),
+    ("apt-get", f"sudo apt-get install libllvm{OLDEST} libatomic1 (a release without it: see apt.llvm.org)"),
+    ("dnf", "sudo dnf install llvm-libs libatomic"),
     ("pacman", "sudo pacman -S llvm-libs"),
     ("brew", "brew install llvm"),
     ("winget", "winget install LLVM.LLVM"),
@@ -65,8 +65,13 @@ def start(variant: str = "llvm_ad_spectral") -> None:
             raise InputError(f"No libLLVM {OLDEST} or newer was found; install one: {install_command()}.")
         os.environ["DRJIT_LIBLLVM_PATH"] = str(library)
 
-    import drjit as dr
-    import mitsuba as mi
+    try:
+        import drjit as dr
+        import mitsuba as mi
+    except (ImportError, NameError) as error:  # a missing system library is a NameError in drjit 1.5
+        cause = error.__context__ or error
+        remedy = f"install what is missing, such as: {install_command()}"
+        raise InputError(f"Mitsuba can't be loaded ({cause}); {remedy}.") from error
 
     active = mi.variant()
     if active not in (None, variant):

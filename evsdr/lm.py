@@ -42,7 +42,7 @@ class Effort:
     """
 
     stages: tuple = ((0.3, 0.5, 8), (0.1, None, 5), (0.03, None, 4), (0.01, None, 4))
-    n_sweep: int = 3
+    n_sweep: int = 1
     n_try: int = 3
     n_final: int = 6
     robust: float = 3.0
@@ -51,7 +51,7 @@ class Effort:
 PRESETS = {
     "fast": Effort(stages=((0.3, 0.5, 6), (0.1, None, 3), (0.02, None, 3)), n_sweep=1, n_try=2, n_final=3),
     "balanced": Effort(),
-    "accurate": Effort(n_sweep=10, n_try=5, n_final=15),
+    "accurate": Effort(n_sweep=4, n_try=5, n_final=15),
 }
 
 

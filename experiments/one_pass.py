@@ -27,7 +27,7 @@ CASES = (  # samples per pixel, max_depth of ring, stock integrator, its name
 
 
 def report(size: int = 256, n_led: int = 24, repetitions: int = 9) -> None:
-    """Time one pass of the ring integrator against a stock render per LED, each of a scene with this LED alone.
+    """Time one pass of the ring integrator against a stock render per LED, each of a scene with it alone.
 
     Both take turns after a warm-up. No ray that leaves a surface at random can hit a far LED, so
     bsdf_samples=0 is the fastest that stock `direct` can be; its default is shown, too.

@@ -45,12 +45,18 @@ def test_no_library_gives_none(linux):
         ["libLLVM-15.so", "libLLVM-15.so.1", "libLLVM-16.so.1"],
         ["libLLVM.so.18.1", "libLLVM-17.so"],
         ["libLLVM.so"],  # empty: does not load
-        ["libLLVMSPIRVLib.so.19.1", "libLLVM-19-private.so", "libLLVM.a"],
     ],
 )
 def test_unusable_libraries_are_never_picked(linux, names):
     root, lay = linux
     lay(*names)
+    assert jit.find_llvm(root) is None
+
+
+def test_files_that_only_begin_like_it_are_passed_over(linux, monkeypatch):
+    root, lay = linux
+    lay("libLLVMSPIRVLib.so.19.1", "libLLVM-19-private.so", "libLLVM.so.19.1-gdb.py")
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: pytest.fail("a file was loaded"))
     assert jit.find_llvm(root) is None
 
 
@@ -165,6 +171,18 @@ def test_no_library_names_the_command(monkeypatch, manager, command):
     monkeypatch.setattr(shutil, "which", lambda name: name if name == manager else None)
     monkeypatch.delitem(sys.modules, "drjit")
     with pytest.raises(InputError, match=f"^No libLLVM 19 or newer was found; install one: .*{command}"):
+        jit.start()
+
+
+def test_missing_system_library_is_named(monkeypatch):
+    class Absent:
+        def find_spec(self, name, path=None, target=None):
+            if name == "mitsuba":
+                raise ImportError("libatomic.so.1: cannot open shared object file")
+
+    monkeypatch.delitem(sys.modules, "mitsuba")
+    monkeypatch.setattr(sys, "meta_path", [Absent(), *sys.meta_path])
+    with pytest.raises(InputError, match=r"^Mitsuba can't be loaded \(libatomic\.so\.1: .*\); install"):
         jit.start()
 
 

@@ -124,6 +124,11 @@ def test_flat_spectra_are_grey(wavelength_nm, grey):
     np.testing.assert_allclose(srgb, np.full((2, 3), encoded), atol=0.5 / 255)
 
 
+def test_two_bands_give_their_mean_as_grey():
+    srgb = reflectance_to_srgb(np.array([[0.1, 0.26]]), [650.0, 450.0])
+    np.testing.assert_allclose(srgb, [[1.055 * 0.18 ** (1 / 2.4) - 0.055] * 3], rtol=1e-9)
+
+
 def test_bands_of_one_wavelength_are_averaged():
     rng = np.random.default_rng(5)
     reflectance = rng.random((4, 4))

@@ -44,37 +44,29 @@ def test_quadrature_is_exact_for_polynomials_of_degree_7(name, degree):
 
 
 @pytest.mark.parametrize("name", SPECTRA)
-def test_quadrature_is_not_exact_for_degree_8(name):
+def test_nodes_lie_inside_and_weights_are_positive(name):
     nm, weight = gauss_quadrature(SPECTRA[name])
-    density = SPECTRA[name] / SPECTRA[name].sum()
-    x, at_node = (WAVELENGTH_NM - 500) / 100, (nm - 500) / 100
-    nodal = np.prod(np.subtract.outer(x, at_node), axis=1) ** 2  # zero at every node, positive elsewhere
-    assert density @ nodal > 0
-    assert weight @ np.prod(np.subtract.outer(at_node, at_node), axis=1) ** 2 == 0
-    assert weight.sum() == pytest.approx(1)
     assert (weight > 0).all()
-    assert WAVELENGTH_NM[0] <= nm.min() < nm.max() <= WAVELENGTH_NM[-1]
+    assert weight.sum() == pytest.approx(1)
+    assert WAVELENGTH_NM[0] < nm[0] < nm[1] < nm[2] < nm[3] < WAVELENGTH_NM[-1]
 
 
 def test_smooth_reflectances_against_brute_force(rng):
-    """Reflectances with edges 30 nm wide or wider, LEDs of 20 nm: an rms error below 0.2 %."""
+    """LEDs 20 nm wide, reflectances with edges of 9 to 44 nm (10 to 90 %): rms error below 0.2 %, three nodes miss it."""
     edge = rng.uniform(400, 700, (200, 3, 1))
-    width = rng.uniform(15, 60, (200, 3, 1))
-    step = rng.uniform(-0.3, 0.3, (200, 3, 1))
-    parameters = 0.5, step, edge, width
+    width = rng.uniform(4, 20, (200, 3, 1))
+    step = rng.uniform(-0.15, 0.15, (200, 3, 1))
 
-    def reflectance(nm, base, step, edge, width):
-        return base + np.sum(step * np.tanh((nm - edge) / width), axis=1)
+    def reflectance(nm):
+        return 0.5 + np.sum(step * np.tanh((nm - edge) / width), axis=1)
 
-    assert np.abs(reflectance(WAVELENGTH_NM, *parameters) - 0.5).max() < 0.9
     error = []
     for peak_nm in (405, 430, 460, 490, 525, 560, 595, 635):
         density = led(peak_nm, 8.5)
         nm, weight = gauss_quadrature(density)
-        exact = integrate(density * reflectance(WAVELENGTH_NM, *parameters)) / integrate(density)
-        error.append(reflectance(nm, *parameters) @ weight - exact)
-    rms = np.sqrt(np.mean(np.square(error)))
-    assert 0 < rms < 0.002 * 0.5
+        exact = integrate(density * reflectance(WAVELENGTH_NM)) / integrate(density)
+        error.append(reflectance(nm) @ weight - exact)
+    assert np.sqrt(np.mean(np.square(error))) < 0.002 * 0.5
 
 
 def test_single_line_needs_one_node():

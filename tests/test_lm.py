@@ -1,0 +1,128 @@
+import mitsuba as mi
+import numpy as np
+import pytest
+from analytic import lambert_signals, ring_directions, sphere_normals
+
+from evsdr import lm
+from evsdr.decode import normal_sigma_deg, to_theta
+from evsdr.event_pixel import EventPixel, simulate_events
+from evsdr.metrics import angular_error_deg
+from evsdr.pairs import pair_events
+from evsdr.problem import make_problem, neighbours
+from evsdr.records import Recording, Schedule, Sensor
+from evsdr.shading import Illumination, LambertianRing
+
+C_W = 0.05
+SPECTRUM = np.array([0.1, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.6])
+
+
+def sphere_problem(size: int, event_noise: float, seed: int = 0, threshold: float = 0.2):
+    """A sphere simulated without Mitsuba, and the solver's view of it."""
+    normal, mask = sphere_normals(size)
+    signal = np.where(mask, lambert_signals(normal, np.broadcast_to(SPECTRUM, (size, size, 8)), ring_directions()), 0)
+    pixel = EventPixel(threshold, threshold, **(dict.fromkeys(
+        ("spread_on", "spread_off", "cutoff_hz", "photon_rate_per_us", "leak_hz", "hot_fraction", "hot_hz"), 0.0
+    ) | {"event_noise": event_noise}))
+    schedule = Schedule(np.arange(24), 10_000.0, 1.0)
+    events, _, _, starts = simulate_events(signal, C_W, schedule, 6, pixel, seed=seed)
+    recording = Recording(events, Sensor(size, size, threshold, threshold, pixel.refractory_us), schedule, starts)
+    light = Illumination(
+        [mi.Vector3f(*d) for d in ring_directions().tolist()], [mi.Float(1.0)] * 24, [j % 8 for j in range(24)],
+        mi.Float(C_W),
+    )
+    return make_problem(recording, pair_events(recording, mask), light, mask), normal[mask]
+
+
+def solve(problem, effort=lm.Effort(), start=None):
+    n = problem.n_pixel
+    start = start or to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25))
+    light = problem.illumination
+    return lm.solve(LambertianRing(light), problem.pairs, light.constant_light, start, problem.neighbour, effort)
+
+
+def errors(solution, truth):
+    p, q = solution.theta[:, 0], solution.theta[:, 1]
+    normal = np.column_stack([-p, -q, np.ones_like(p)])
+    return angular_error_deg(normal, truth), np.exp(solution.theta[:, 2:]) - SPECTRUM
+
+
+def test_ldl_solves_damped_systems(rng):
+    n, n_pixel, damping = 7, 50, 0.3
+    root = rng.normal(size=(n_pixel, n, n))
+    matrix = root @ np.swapaxes(root, 1, 2) + 0.1 * np.eye(n)
+    right = rng.normal(size=(n_pixel, n))
+    rows, columns = np.tril_indices(n)
+    x = lm.solve_ldl(
+        [mi.Float(matrix[:, i, j].astype(np.float32)) for i, j in zip(rows, columns)],
+        [mi.Float(right[:, i].astype(np.float32)) for i in range(n)],
+        mi.Float(damping),
+    )
+    damped = matrix + damping * matrix * np.eye(n)
+    expected = np.linalg.solve(damped, right[..., None])[..., 0]
+    np.testing.assert_allclose(np.array([v.numpy() for v in x]).T, expected, rtol=5e-3, atol=5e-3)
+
+
+def test_exact_events_give_exact_maps():
+    problem, truth = sphere_problem(24, event_noise=0.0)
+    angle, difference = errors(solve(problem), truth)
+    assert np.median(angle) < 0.02
+    assert np.mean(angle < 0.5) > 0.97
+    assert np.median(np.abs(difference)) < 5e-4
+
+
+def test_noise_is_measured_and_sigma_is_honest():
+    """Angles relative to their sigma have a mean square of about 1: sigma is their root mean square."""
+    problem, truth = sphere_problem(40, event_noise=0.1)
+    solution = solve(problem)
+    assert solution.noise == pytest.approx(0.1, rel=0.1)
+    angle, difference = errors(solution, truth)
+    sigma = normal_sigma_deg(*solution.theta[:, :2].T.astype(float), solution.covariance[:, :2, :2])
+    inner = truth[:, 2] > 0.4
+    assert np.sqrt(np.mean((angle / sigma)[inner] ** 2)) == pytest.approx(1.0, abs=0.15)
+    spread = np.sqrt(np.diagonal(solution.covariance, axis1=1, axis2=2)[:, 2:]) * np.exp(solution.theta[:, 2:])
+    assert np.sqrt(np.mean((difference / spread)[inner] ** 2)) == pytest.approx(1.0, abs=0.2)
+
+
+def test_no_pixel_stays_where_a_better_start_exists():
+    """Less than 0.5 % of the pixels end above the cost that a start from the truth reaches."""
+    problem, truth = sphere_problem(40, event_noise=0.1)
+    reached = solve(problem)
+    n = problem.n_pixel
+    best = solve(problem, lm.Effort(stages=((lm.HARD, 0.1, 10),)), to_theta(truth, np.tile(SPECTRUM, (n, 1))))
+    assert np.mean(reached.cost > best.cost + 1) < 0.005
+
+
+def test_the_hard_horizon_alone_gets_stuck_and_other_starts_free_it():
+    problem, truth = sphere_problem(32, event_noise=0.1)
+    direct = solve(problem, lm.Effort(stages=((lm.HARD, 0.3, 20),), n_sweep=0))
+    freed = solve(problem, lm.Effort(stages=((lm.HARD, 0.3, 20),), n_sweep=4))
+    assert np.mean(freed.cost) < np.mean(direct.cost) - 1
+    assert errors(freed, truth)[0].mean() < errors(direct, truth)[0].mean()
+
+
+@pytest.mark.parametrize("azimuth", [0.0, np.pi / 2, np.pi])
+def test_tilt_turns_a_frontal_normal_by_its_angle(azimuth):
+    p, q, log_reflectance = (t.numpy()[0] for t in lm.tilt([mi.Float(0), mi.Float(0), mi.Float(0.5)], azimuth))
+    turned = np.array([-p, -q, 1]) / np.linalg.norm([-p, -q, 1])
+    tilt = np.radians(lm.TILT_DEG)
+    expected = [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]
+    np.testing.assert_allclose(turned, expected, atol=1e-6)
+    assert log_reflectance == 0.5
+
+
+def test_neighbours_are_the_adjacent_masked_pixels():
+    mask = np.array([[1, 1, 0], [0, 1, 1]], bool)
+    right, left, up, down = (n.numpy() for n in neighbours(mask))
+    np.testing.assert_array_equal(right, [1, 1, 3, 3])
+    np.testing.assert_array_equal(left, [0, 0, 2, 2])
+    np.testing.assert_array_equal(up, [0, 1, 1, 3])
+    np.testing.assert_array_equal(down, [0, 2, 2, 3])
+
+
+def test_sigma_of_slopes_is_the_angle_that_sampling_shows(rng):
+    p, q, covariance = 0.8, -0.5, np.array([[4e-4, 1e-4], [1e-4, 2e-4]])
+    slopes = rng.multivariate_normal([p, q], covariance, 20000)
+    normal = np.column_stack([-slopes, np.ones(len(slopes))])
+    sampled = np.sqrt(np.mean(angular_error_deg(normal, np.array([-p, -q, 1.0])) ** 2))
+    sigma = normal_sigma_deg(np.array([p]), np.array([q]), covariance[None])[0]
+    assert sigma == pytest.approx(sampled, rel=0.02)
