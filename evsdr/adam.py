@@ -14,6 +14,7 @@ import numpy as np
 from drjit.opt import AdamW
 
 from evsdr.event_terms import PairData, ends, relative_residual, signal_table
+from evsdr.frozen import no_garbage_collection
 from evsdr.shading import Illumination, led_signals
 
 GATE_DEG = 11.88  # half-peak width of a Blinn-Phong lobe of shininess 32 (supplement, eq. 11)
@@ -54,6 +55,7 @@ class AdamSettings:
     gate_floor: float = 0.1
 
 
+@no_garbage_collection()
 def solve(
     illumination: Illumination,
     pairs: PairData,

@@ -10,15 +10,20 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
-from evsdr.errors import InputError
+from evsdr.errors import InputError, InputWarning
 
 
-def run_command(options_type: type, command: Callable[..., None], argv: list[str] | None) -> int:
+def run_command(
+    name: str, options_type: type, command: Callable[..., None], argv: list[str] | None
+) -> int:
     """Parse options and run a command.
 
     Parameters
     ----------
+    name : str
+        Its module in evsdr.
     options_type : type
         Dataclass of the command's options; its docstring is the help.
     command : callable (options) -> None
@@ -32,11 +37,12 @@ def run_command(options_type: type, command: Callable[..., None], argv: list[str
         Exit status: 0; 2 for input that can't be used, with one sentence on standard error; 130 when
         stopped by Ctrl-C.
     """
-    options = tyro.cli(options_type, args=argv, config=(tyro.conf.AvoidSubcommands,))
+    prog, config = f"python -m evsdr.{name}", (tyro.conf.AvoidSubcommands,)
     with warnings.catch_warnings():
+        warnings.simplefilter("always", InputWarning)
         warnings.showwarning = lambda message, *_: print(f"warning: {message}", file=sys.stderr)
         try:
-            command(options)
+            command(tyro.cli(options_type, prog=prog, args=argv, config=config))
         except InputError as error:
             print(f"error: {error}", file=sys.stderr)
             return 2
@@ -55,18 +61,30 @@ def parse_definitions(define: tuple[str, ...]) -> dict[str, str]:
     return {name: value for name, _, value in pairs}
 
 
+def check_range(name: str, value: int, least: int, most: int = 2**32 - 1) -> None:
+    """Refuse a number outside a range.
+
+    Raises
+    ------
+    InputError
+        It is.
+    """
+    if not least <= value <= most:
+        raise InputError(f"{name} is {value}; give a whole number from {least} to {most}.")
+
+
 def print_table(title: str, rows: list[tuple[str, str]]) -> None:
     """Print names and figures."""
-    table = Table(title=title, show_header=False)
+    table = Table(title=Text(title), show_header=False)  # Text: brackets in it are no markup
     table.add_column()
     table.add_column(justify="right")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(Text, row))
     Console().print(table)
 
 
 class Stages:
-    """Progress on screen and seconds per stage.
+    """Progress on a terminal and seconds per stage.
 
     Attributes
     ----------
@@ -74,14 +92,15 @@ class Stages:
         Wall time of each finished stage.
     """
 
-    def __init__(self, title: str, quiet: bool = False):
+    def __init__(self, title: str):
         self.seconds: dict[str, float] = {}
+        console = Console(stderr=True)
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=30),
             TimeElapsedColumn(),
-            console=Console(stderr=True),
-            disable=quiet,
+            console=console,
+            disable=not console.is_terminal,
             transient=True,
         )
         self._title = title

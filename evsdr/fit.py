@@ -10,8 +10,8 @@ import numpy as np
 import tyro
 
 from evsdr import __version__
-from evsdr.console import Stages, parse_definitions, print_table, run_command
-from evsdr.errors import InputError
+from evsdr.console import Stages, check_range, parse_definitions, print_table, run_command
+from evsdr.errors import InputError, InputWarning
 from evsdr.files import check_folder
 from evsdr.mask import read_mask
 from evsdr.metrics import read_truth, score
@@ -61,7 +61,7 @@ MAX_BANDS = 40  # of the per-pixel systems
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; gives its exit status."""
-    return run_command(Options, command, argv)
+    return run_command("fit", Options, command, argv)
 
 
 def command(options: Options) -> None:
@@ -98,17 +98,20 @@ def fit(options: Options) -> tuple[Maps, dict]:
         Something given can't be used.
     """
     with warnings.catch_warnings(record=True) as caught, Stages("fit") as stages:
-        warnings.simplefilter("always")
-        maps, summary = _fit(options, stages)
-    messages = list(dict.fromkeys(str(w.message) for w in caught))
-    for message in messages:
-        print(f"warning: {message}", file=sys.stderr)
+        warnings.simplefilter("always", InputWarning)
+        try:
+            maps, summary = _fit(options, stages)
+        finally:
+            messages = list(dict.fromkeys(str(w.message) for w in caught))
+            for message in messages:
+                print(f"warning: {message}", file=sys.stderr)
     return maps, summary | {"warnings": messages, "seconds": stages.seconds}
 
 
 def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
     if options.shadows == "estimate":
         raise InputError("--shadows estimate is not available yet; use scene, downweight or off.")
+    check_range("--seed", options.seed, 0)
     with stages.stage("start"):
         from evsdr import jit
 
@@ -126,13 +129,18 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
     with stages.stage("trace light"):
         light, coverage, shadows = decode.choose_light(ring, options.shadows, SAMPLES[options.preset], SHADOW_SHARE)
         mask = coverage >= 0.5
+        if not mask.any():
+            raise InputError(f"{options.scene}: the camera does not see the shape object; move one of them.")
         if options.mask:
             mask &= read_mask(options.mask, mask.shape)
-        if not mask.any():
-            raise InputError(f"{options.scene}: no pixel to solve; object, camera and mask do not meet.")
+            if not mask.any():
+                raise InputError(f"{options.mask}: the mask has no pixel of the object; draw it where {options.scene} has it.")
         start_normal = decode.start_normals(ring, options.init)
     with stages.stage("pair events"):
-        pairs = pair_events(recording, mask)
+        try:
+            pairs = pair_events(recording, mask)
+        except InputError as error:
+            raise InputError(f"{options.events}: {error}") from error
         problem = decode.make_problem(recording, pairs, light, mask)
     with stages.stage("solve") as advance:
         solution = decode.solve(problem, start_normal, options, advance)

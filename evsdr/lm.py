@@ -12,6 +12,7 @@ import drjit as dr
 import numpy as np
 
 from evsdr.event_terms import PairData, derivative_table, normal_equations, relative_residual, signal_table
+from evsdr.frozen import no_garbage_collection
 
 SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
 REFLECTANCE_CENTRE, LOG_REFLECTANCE_SIGMA = 0.25, 2.0  # weak prior: 0.03 .. 2 within one sigma
@@ -123,6 +124,7 @@ def solve_ldl(matrix: list, right: list, damping) -> list:
     return x
 
 
+@no_garbage_collection()
 def solve(
     model: Callable,
     pairs: PairData,

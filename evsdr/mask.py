@@ -23,7 +23,7 @@ def read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
     Raises
     ------
     InputError
-        The file can't be read or has another size.
+        The file can't be read, has another size or is no mask.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; give the path of a mask.")
@@ -31,12 +31,16 @@ def read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
         if path.suffix == ".npy":
             image = np.load(path, allow_pickle=False)
         else:
-            width, height, rows, info = png.Reader(filename=str(path)).asDirect()
+            width, height, rows, info = png.Reader(bytes=path.read_bytes()).asDirect()
             image = np.array([list(row) for row in rows]).reshape(height, width, info["planes"])
             colours = info["planes"] - info["alpha"]  # transparency does not count
             image = image[..., :colours].any(axis=-1)
-    except (OSError, ValueError, EOFError, png.Error) as error:
+    except Exception as error:  # NumPy, pypng and zlib raise ten kinds on damage
         raise InputError(f"{path}: not a readable PNG or .npy image; save the mask as one of these.") from error
+    if not isinstance(image, np.ndarray) or image.dtype.kind not in "biuf":
+        raise InputError(f"{path}: the mask is not an array of numbers; save 0 and 1.")
     if image.shape != shape:
         raise InputError(f"{path}: the mask has shape {image.shape}; it must be (height, width) = {shape}.")
+    if not np.isfinite(image).all():
+        raise InputError(f"{path}: the mask is not finite everywhere; save 0 and 1.")
     return image != 0

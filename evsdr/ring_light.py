@@ -61,7 +61,7 @@ def phase(t_us: np.ndarray, schedule: Schedule, round_start_us: np.ndarray) -> t
     slot = np.floor(position)
     fade = _fade(position - slot, schedule.crossfade)
     fade += slot % n_slot
-    return np.where(fade < n_slot, fade, 0.0), inside  # rounding up to n_slot is the next round's start
+    return np.where(fade < n_slot, fade, 0.0), inside  # n_slot: by rounding, just before the start
 
 
 def _fade(fraction: np.ndarray, crossfade: float) -> np.ndarray:
@@ -85,7 +85,8 @@ def _intervals(schedule: Schedule, start: np.ndarray) -> tuple[np.ndarray, np.nd
             ),
             stacklevel=3,
         )
-    return start, np.where(fits, duration, schedule.slot_us), np.where(fits, n_round * len(schedule.order), 1.0)
+    slots = np.where(fits, n_round * len(schedule.order), 1.0)
+    return start, np.where(fits, duration, schedule.slot_us), slots
 
 
 def weights(t_us: np.ndarray, schedule: Schedule, n_led: int, round_start_us: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """The thin layer over Mitsuba: a scene.xml as the rest of evsdr sees it."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,8 +73,10 @@ def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
         raise InputError(f"{path}: no such file; give the path of a scene.xml.")
     try:
         scene = mi.load_file(str(path), optimize=False, **(define or {}))
-    except (RuntimeError, ValueError) as error:
-        raise InputError(f"{path}: Mitsuba can't load it: {_last_sentence(error)}") from error
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise InputError(
+            f"{path}: Mitsuba can't load it, {_in_one_line(error)}; correct the file, or what -D sets in it."
+        ) from error
     if not isinstance(scene, mi.Scene):
         raise InputError(f"{path}: it is not a scene; its root element must be <scene>.")
     integrator = scene.integrator()
@@ -83,6 +86,13 @@ def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
     sensor = next((s for s in sensors if s.id() == "camera"), sensors[0] if len(sensors) == 1 else None)
     if sensor is None:
         raise InputError(f'{path}: no sensor has id="camera"; add one, orthographic or perspective.')
+    if sensor.class_name() not in ("OrthographicCamera", "PerspectiveCamera"):
+        raise InputError(f'{path}: the sensor "camera" must be orthographic or perspective; change its type.')
+    width, height = (int(n) for n in sensor.film().crop_size())
+    if width * height == 0:
+        raise InputError(f"{path}: the film is {width} x {height} pixels; give it the size of the sensor region.")
+    if integrator.max_depth != int(integrator.max_depth):
+        raise InputError(f"{path}: max_depth is {integrator.max_depth:g}; it must be an integer, 1 or more.")
     try:
         leds = integrator.leds(scene)
         find_object(scene)
@@ -93,13 +103,14 @@ def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
     constant_light = float(integrator.constant_light[0])
     if not constant_light >= 0 or not np.isfinite(constant_light):
         raise InputError(f"{path}: constant_light is {constant_light:g}; it must be 0 or more.")
-    width, height = (int(n) for n in sensor.film().crop_size())
     return RingScene(path, scene, integrator, sensor, leds, height, width, constant_light)
 
 
-def _last_sentence(error: Exception) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[-1] if lines else type(error).__name__
+def _in_one_line(error: Exception) -> str:
+    """Leave out what speaks of Mitsuba's own source: traceback, file and line."""
+    text = re.sub(r"Traceback \(most recent call last\):.*\n", "", str(error).strip(), flags=re.DOTALL)
+    text = re.sub(r"\[\w+\.cpp:\d+\] |\b[A-Z]\w+Error: ", "", text)
+    return re.sub(r"\s*\n[\s-]*", " ", text).rstrip(".")
 
 
 def led_images(ring: RingScene, spp: int, seed: int = 0) -> np.ndarray:

@@ -9,10 +9,10 @@ import numpy as np
 import tyro
 
 from evsdr import photographs
-from evsdr.console import Stages, parse_definitions, print_table, run_command
+from evsdr.console import Stages, check_range, parse_definitions, print_table, run_command
 from evsdr.errors import InputError
 from evsdr.event_pixel import EventPixel, simulate_events
-from evsdr.files import atomic_folder
+from evsdr.files import atomic_folder, check_folder
 from evsdr.metrics import Truth
 from evsdr.recording import write_recording
 from evsdr.records import Recording, Schedule, Sensor
@@ -61,15 +61,16 @@ IDEAL = dict(
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; gives its exit status."""
-    return run_command(Options, command, argv)
+    return run_command("simulate", Options, command, argv)
 
 
 def command(options: Options) -> None:
     """Simulate, write, print how much came out."""
     if (options.scene is None) == (options.frames is None):
         raise InputError("Name either a scene file or --frames, not both.")
-    if options.rounds < 1:
-        raise InputError(f"--rounds is {options.rounds}; it must be 1 or more.")
+    for name, least in (("rounds", 1), ("spp", 1), ("seed", 0)):
+        check_range(f"--{name}", getattr(options, name), least)
+    check_folder(options.out)
     with Stages("simulate") as stages:
         if options.frames:
             with stages.stage("read photographs"):
@@ -81,6 +82,11 @@ def command(options: Options) -> None:
                 signal, truth, constant_light = render(options)
         with stages.stage("events") as advance:
             recording = record(signal, constant_light, options, advance)
+            if len(recording.events) < 2:
+                raise InputError(
+                    f"{options.scene or options.frames}: no event comes of it; "
+                    "check that the camera sees a lit object, and lower the thresholds or the constant light."
+                )
         with stages.stage("write"), atomic_folder(options.out) as folder:
             write_recording(folder / "events.h5", recording)
             np.savez(folder / "truth.npz", normal=truth.normal, reflectance=truth.reflectance, mask=truth.mask)

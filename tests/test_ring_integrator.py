@@ -32,7 +32,8 @@ def diffuse(reflectance=1.0):
 
 
 def far(to_light, irradiance=1.0):
-    return {"type": "directional", "direction": (-np.array(to_light, float)).tolist(), "irradiance": spectrum(irradiance)}
+    direction = (-np.array(to_light, float)).tolist()
+    return {"type": "directional", "direction": direction, "irradiance": spectrum(irradiance)}
 
 
 def near(position, intensity=1.0):
@@ -42,14 +43,15 @@ def near(position, intensity=1.0):
 def soft(position, half_width, radiance=1.0, target=(0, 0, 0)):
     """A square light that faces the target."""
     transform = mi.ScalarTransform4f
-    to_world = transform().look_at(list(position), list(target), [0.1, 1, 0.2]) @ transform().scale(half_width)
-    return {"type": "rectangle", "to_world": to_world, "emitter": {"type": "area", "radiance": spectrum(radiance)}}
+    to_world = transform().look_at(list(position), list(target), [0.1, 1, 0.2])
+    light = {"type": "area", "radiance": spectrum(radiance)}
+    return {"type": "rectangle", "to_world": to_world @ transform().scale(half_width), "emitter": light}
 
 
 def plane(reflectance=1.0, angle=0.0, axis=(0, 1, 0), at=(0, 0, 0), half_width=(20, 20, 1), bsdf=None):
     transform = mi.ScalarTransform4f
-    to_world = transform().translate(list(at)) @ transform().rotate(list(np.array(axis) / np.linalg.norm(axis)), angle)
-    to_world = to_world @ transform().scale(list(half_width))
+    turn = transform().rotate((np.array(axis) / np.linalg.norm(axis)).tolist(), angle)
+    to_world = transform().translate(list(at)) @ turn @ transform().scale(list(half_width))
     return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf or diffuse(reflectance)}
 
 
@@ -62,7 +64,8 @@ def camera(origin=(0, 0, 10), up=(0, 1, 0), half_width=1.0, response=None, persp
         film |= {"type": "specfilm", "band": spectrum(response)}
     if perspective:
         return {"type": "perspective", "fov": 12, "to_world": to_world, "film": film}
-    return {"type": "orthographic", "to_world": to_world @ transform().scale([half_width, half_width, 1]), "film": film}
+    to_world = to_world @ transform().scale([half_width, half_width, 1])
+    return {"type": "orthographic", "to_world": to_world, "film": film}
 
 
 def load(objects, view=None):
@@ -94,37 +97,39 @@ LEDS = {  # spectra that the film's importance sampling of D serves well
     "led_1": near((0.6, 0.2, 1.5), FALLING),
     "led_2": soft((1.6, 0.2, 1.9), 0.3, 1.0),
 }
-CORNER = {  # two planes of different colours that light each other
-    "object": plane([(400, 0.9), (500, 0.3), (600, 0.8), (700, 0.6)], half_width=(1, 1, 1)),
-    "wall": plane([(400, 0.2), (520, 0.9), (560, 0.5), (700, 0.9)], 90.0, at=(-1, 0, 1), half_width=(1, 1, 1)),
+FLOOR_COLOUR = [(400, 0.9), (500, 0.3), (600, 0.8), (700, 0.6)]
+WALL_COLOUR = [(400, 0.2), (520, 0.9), (560, 0.5), (700, 0.9)]
+CORNER = {  # two planes that light each other
+    "object": plane(FLOOR_COLOUR, half_width=(1, 1, 1)),
+    "wall": plane(WALL_COLOUR, 90.0, at=(-1, 0, 1), half_width=(1, 1, 1)),
 }
 
 
 def quadrants(integrator, scene, spp, n_render=12):
-    """Mean of each quadrant of the image, (2, 2, n_channel), and its standard error, by independent renders."""
-    image = np.array([np.array(integrator.render(scene, seed=k, spp=spp), dtype=float) for k in range(n_render)])
-    mean = image.reshape(n_render, 2, HEIGHT // 2, 2, WIDTH // 2, -1).mean(axis=(2, 4))
+    """Mean of each image quadrant, (2, 2, n_channel), and its standard error by independent renders."""
+    image = [np.array(integrator.render(scene, seed=k, spp=spp), dtype=float) for k in range(n_render)]
+    mean = np.array(image).reshape(n_render, 2, HEIGHT // 2, 2, WIDTH // 2, -1).mean(axis=(2, 4))
     return mean.mean(axis=0), mean.std(axis=0, ddof=1) / np.sqrt(n_render)
 
 
 def assert_equals_stock(objects, leds, stock, max_depth=1, response=RESPONSE, view=None, spp=16):
-    """All quadrants of all channels agree within four standard errors, which are below 1 %."""
+    """All quadrants of all channels agree within four standard errors, which are below 2 %."""
     view = view or {}
-    mean, error = quadrants(ring(max_depth=max_depth, response=response), load(objects | leds, camera(**view)), spp)
+    whole = load(objects | leds, camera(**view))
+    mean, error = quadrants(ring(max_depth=max_depth, response=response), whole, spp)
     assert mean.shape[-1] == len(leds)
-    dark = {"type": "area", "radiance": spectrum(0.0)}
     integrator = mi.load_dict({"rr_depth": 100} | stock if stock["type"] == "path" else stock)
-    housing = {k: v | {"emitter": dark} for k, v in leds.items() if "emitter" in v}
+    unlit = {k: v | {"emitter": diffuse(0.0)} for k, v in leds.items() if "emitter" in v}
     for j, (name, led) in enumerate(leds.items()):
-        scene = load(objects | housing | {name: led}, camera(**view, response=response))
+        scene = load(objects | unlit | {name: led}, camera(**view, response=response))
         expected, expected_error = (np.pi * v[..., 0] for v in quadrants(integrator, scene, spp))
         assert (expected > 0).all()
         sigma = np.hypot(error[..., j], expected_error)
-        assert (sigma < 0.01 * expected).all(), name
+        assert (sigma < 0.02 * expected).all(), name
         assert (np.abs(mean[..., j] - expected) < 4 * sigma + 1e-5 * expected).all(), name
 
 
-@pytest.mark.parametrize("stock", [{"type": "direct"}, {"type": "path", "max_depth": 2}], ids=lambda s: s["type"])
+@pytest.mark.parametrize("stock", [{"type": "direct"}, {"type": "path", "max_depth": 2}])
 def test_flat_spectra_on_a_plane_equal_stock_to_rounding(stock):
     leds = {"led_0": far((0.3, 0.1, 1), 2.0), "led_1": far((-1, 0, 0.5), 0.7)}
     objects = {"object": plane(0.6, 20, (1, 1, 0))}
@@ -148,16 +153,14 @@ def test_two_sided_and_blended_materials_equal_stock():
         "object": plane(bsdf={"type": "twosided", "bsdf": blend}, angle=180.0, half_width=(1, 1, 1)),
         "wall": CORNER["wall"],
     }
-    assert_equals_stock(objects, LEDS, {"type": "path", "max_depth": 3}, max_depth=2, spp=64)
+    assert_equals_stock(objects, LEDS, {"type": "path", "max_depth": 3}, max_depth=2, spp=36)
 
 
 def test_turned_perspective_camera_that_sees_a_light_equals_stock():
     view = {"origin": (3, -1, 9), "up": (0.3, 1, 0), "perspective": True}
-    leds = LEDS | {"led_2": soft((0.4, 0.2, 0.6), 0.2, 1.0, target=(2, -1, 6))}
+    leds = LEDS | {"led_2": soft((0.8, 0, 1), 0.4, 1.0, target=(-1.2, 0, 2))}
     objects = CORNER | {"floor": plane(0.5, at=(0, 0, -0.5))}
-    assert_equals_stock(objects, leds, {"type": "path", "max_depth": 3}, max_depth=2, view=view)
-    hidden = ring(hide_emitters=True).render(load(objects | leds, camera(**view)), spp=1)
-    assert np.max(hidden) < 0.2 * np.max(render(load(objects | leds, camera(**view)))[..., 2])
+    assert_equals_stock(objects, leds, {"type": "path", "max_depth": 3}, max_depth=2, view=view, spp=36)
 
 
 @pytest.mark.slow
@@ -186,7 +189,8 @@ def test_each_of_24_leds_equals_its_stock_render():
 
 @pytest.mark.parametrize("angle", [0.0, 30.0, 60.0, 80.0])
 def test_tilted_white_plane_gives_the_cosine(angle):
-    signal = render(load({"object": plane(1.0, angle, (1, 2, 0)), "led_0": far((0, 0, 1)), "led_1": far((0, 0, 1), 3.0)}))
+    leds = {"led_0": far((0, 0, 1)), "led_1": far((0, 0, 1), 3.0)}
+    signal = render(load({"object": plane(1.0, angle, (1, 2, 0))} | leds))
     np.testing.assert_allclose(signal[..., 0], POWER * np.cos(np.deg2rad(angle)), rtol=1e-5)
     np.testing.assert_allclose(signal[..., 1], 3 * signal[..., 0], rtol=1e-6)
 
@@ -219,9 +223,10 @@ def test_constant_light_is_added():
 
 
 def test_cast_shadow_leaves_exactly_the_constant_light():
+    shaded = {"led_0": far((0, 0, 1)), "led_1": near((0, 0, 6)), "led_2": soft((0, 0, 6), 0.02)}
     occluder = plane(half_width=(0.2, 0.2, 1), at=(0, 0, 5))
-    leds = {"led_0": far((0, 0, 1)), "led_1": near((0, 0, 6)), "led_2": soft((0, 0, 6), 0.02), "led_3": far((1, 0, 1))}
-    scene = load({"object": plane()} | leds | {"occluder": occluder}, camera((9, 0, 9)))
+    objects = {"object": plane(), "occluder": occluder, "led_3": far((1, 0, 1))}
+    scene = load(objects | shaded, camera((9, 0, 9)))
     signal = render(scene, constant_light=0.3)[HEIGHT // 2, WIDTH // 2]
     assert (signal[:3] == np.float32(0.3)).all()
     assert signal[3] > 100
@@ -246,11 +251,24 @@ def test_two_line_led():
     np.testing.assert_allclose(render(scene)[..., 0], expected, rtol=1e-5)
 
 
+def test_light_that_the_camera_sees():
+    leds = {"led_0": soft((0, 0, 1), 0.5, 3.0, target=(0, 0, 9)), "led_1": soft((0, 0, 0.9), 0.4, 5.0)}
+    scene = load({"object": plane(at=(0, 0, -1))} | leds)
+    x, y = pixel_centres()
+    on_light = (np.abs(x) < 0.5) & (np.abs(y) < 0.5)
+    signal = render(scene)
+    np.testing.assert_allclose(signal[on_light][:, 0], 3 * np.pi * POWER, rtol=1e-5)
+    assert (signal[~on_light][:, 0] == 0).all()
+    assert (signal[on_light][:, 1] == 0).all()  # it shines away from the camera
+    assert (render(scene, hide_emitters=True)[..., 0] == 0).all()
+
+
 @pytest.mark.parametrize("n_led", [2, 48])
 def test_number_of_leds(n_led):
     leds = {f"led_{j}": far((0, 0, 1), 1.0 + j) for j in range(n_led)}
     signal = render(load({"object": plane()} | leds))
-    np.testing.assert_allclose(signal, np.broadcast_to(POWER * np.arange(1.0, n_led + 1), signal.shape), rtol=1e-5)
+    expected = POWER * np.arange(1.0, n_led + 1)
+    np.testing.assert_allclose(signal, np.broadcast_to(expected, signal.shape), rtol=1e-5)
 
 
 # ---------------------------------------------------------------------- which channel is which
@@ -335,7 +353,8 @@ def test_true_textures_render_the_scene(shadow, turned):
 def test_normal_of_length_zero_gives_no_signal():
     scene = load(BALL)
     integrator = ring(constant_light=0.05)
-    set_textures(integrator, normal=np.zeros((HEIGHT, WIDTH, 3)), reflectance=np.ones((HEIGHT, WIDTH, 2)))
+    none = np.zeros((HEIGHT, WIDTH, 3))
+    set_textures(integrator, normal=none, reflectance=np.ones((HEIGHT, WIDTH, 2)))
     np.testing.assert_array_equal(np.array(integrator.render(scene, spp=1)), np.float32(0.05))
 
 
@@ -370,7 +389,8 @@ def test_rendering_keeps_no_scene_alive():
 
     mi.register_integrator("watched_ring", lambda props: Watched(props))
     scene = load(BALL | {"integrator": {"type": "watched_ring"}})
-    set_textures(scene.integrator(), normal=np.ones((HEIGHT, WIDTH, 3)), reflectance=np.ones((HEIGHT, WIDTH, 2)))
+    ones = np.ones((HEIGHT, WIDTH, 3))
+    set_textures(scene.integrator(), normal=ones, reflectance=ones[..., :2])
     scene.integrator().render(scene, spp=1)
     del scene
     assert freed == [1]
@@ -378,8 +398,8 @@ def test_rendering_keeps_no_scene_alive():
 
 # ---------------------------------------------------------------------- pixel area
 
-# A roof at height 1 hides x < 0.3 from the camera; light from the left draws the edge of its shadow at x = 1.3.
-ROOF = {"object": plane(), "roof": plane(at=(-9.7, 0, 1), half_width=(10, 20, 1), bsdf={"type": "twosided", "bsdf": diffuse()})}
+# A roof at height 1 hides x < 0.3 from the camera; light from the left draws its shadow's edge at x = 1.3.
+ROOF = {"object": plane(), "roof": plane(at=(-9.7, 0, 1), half_width=(10, 20, 1))}
 SHADOW_EDGE_COLUMN, LIT_SHARE = 13, 0.8  # pixel from x = 1.25 to 1.5 where the view is 4 wide
 
 
@@ -402,7 +422,7 @@ def square_points(position, half_width, n=60):
 
 
 def brute_force(surface_point, position, half_width):
-    """What each point of a square light of radiance 1 gives: directions to it (n, 3) and its share of L dA cos / d^2."""
+    """Points of a square light of radiance 1: where (n, 3), in what direction (n, 3), dA cos / d^2 (n)."""
     point, light_normal = square_points(position, half_width)
     to_light = point - surface_point
     distance = np.linalg.norm(to_light, axis=1, keepdims=True)
@@ -413,7 +433,8 @@ def brute_force(surface_point, position, half_width):
 
 def test_soft_shadow_against_brute_force():
     position, half_width = (-3.0, 0.4, 4.0), 0.5
-    scene = load(ROOF | {"led_0": soft(position, half_width), "led_1": far((0, 0, 1))}, camera(half_width=2.0))
+    leds = {"led_0": soft(position, half_width), "led_1": far((0, 0, 1))}
+    scene = load(ROOF | leds, camera(half_width=2.0))
     signal = render(scene, spp=1024)[..., 0] / POWER
     x, y = pixel_centres(2.0)
     fraction = []
@@ -454,8 +475,9 @@ def illumination(objects, view=None, spp=1, shadows=True):
     """Directions (n_led, H, W, 3), irradiances (n_led, H, W) and coverage (H, W)."""
     scene = load(objects, view)
     light, coverage = ring().illumination(scene, scene.sensors()[0], spp, 0, shadows)
-    direction = np.array([np.broadcast_to(np.array(d, float).T, (HEIGHT * WIDTH, 3)) for d in light.direction])
-    irradiance = np.array([np.broadcast_to(np.array(e, float), HEIGHT * WIDTH) for e in light.irradiance])
+    n_pixel = HEIGHT * WIDTH
+    direction = np.array([np.broadcast_to(np.array(d, float).T, (n_pixel, 3)) for d in light.direction])
+    irradiance = np.array([np.broadcast_to(np.array(e, float), n_pixel) for e in light.irradiance])
     coverage = np.array(coverage, float).reshape(HEIGHT, WIDTH)
     return direction.reshape(-1, HEIGHT, WIDTH, 3), irradiance.reshape(-1, HEIGHT, WIDTH), coverage
 
@@ -467,7 +489,7 @@ def test_far_irradiance_is_power_times_visibility():
     assert (irradiance[0, :, 10:SHADOW_EDGE_COLUMN] == 0).all()
     np.testing.assert_allclose(irradiance[0, :, SHADOW_EDGE_COLUMN + 1 :], 3 * POWER, rtol=1e-5)
     np.testing.assert_allclose(irradiance[1][coverage > 0], 0.5 * POWER, rtol=1e-5)
-    np.testing.assert_allclose(direction[0], np.broadcast_to([-1, 0, 1] / np.sqrt(2), direction[0].shape), atol=1e-6)
+    np.testing.assert_allclose(direction[0] - [-1 / np.sqrt(2), 0, 1 / np.sqrt(2)], 0, atol=1e-6)
     # The roof's edge at x = 0.3 lies in the pixel from 0.25 to 0.5.
     assert (coverage[:, :9] == 0).all()
     assert np.mean(coverage[:, 9]) == pytest.approx(0.8, abs=0.02)
@@ -491,7 +513,8 @@ def test_near_direction_and_irradiance():
     x, y = pixel_centres()
     to_light = position - np.stack([x, y, np.zeros_like(x)], axis=-1)
     distance = np.linalg.norm(to_light, axis=-1)
-    direction, irradiance, _ = illumination({"object": plane(), "led_0": near(position), "led_1": near((0, 0, 1))})
+    objects = {"object": plane(), "led_0": near(position), "led_1": near((0, 0, 1))}
+    direction, irradiance, _ = illumination(objects)
     np.testing.assert_allclose(direction[0], to_light / distance[..., None], atol=1e-5)
     np.testing.assert_allclose(irradiance[0], POWER / distance**2, rtol=1e-5)
 
