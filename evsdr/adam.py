@@ -168,11 +168,11 @@ def blur(maps: list, pixel, shape: tuple[int, int], settings: AdamSettings) -> l
     Float = type(maps[0])
     offsets = np.arange(settings.blur_size) - settings.blur_size // 2
     kernel = np.exp(-0.5 * (offsets / settings.blur_sigma) ** 2).tolist()
-    blurred = []
-    for values in [dr.full(Float, 1.0, dr.width(maps[0])), *maps]:
-        image = dr.zeros(Float, shape[0] * shape[1])
-        dr.scatter(image, values, pixel, mode=dr.ReduceMode.Permute)
-        image = dr.convolve(dr.tensor_t(Float)(image, shape), kernel)
-        blurred.append(dr.gather(Float, image.array, pixel))
-    weight, *sums = blurred
+    layers = [dr.full(Float, 1.0, dr.width(maps[0])), *maps]
+    size = shape[0] * shape[1]
+    image = dr.zeros(Float, len(layers) * size)
+    for i, values in enumerate(layers):
+        dr.scatter(image, values, pixel + i * size, mode=dr.ReduceMode.NoConflicts)
+    image = dr.convolve(dr.tensor_t(Float)(image, (len(layers), *shape)), kernel, axis=(1, 2)).array
+    weight, *sums = (dr.gather(Float, image, pixel + i * size) for i in range(len(layers)))
     return [total / weight for total in sums]

@@ -1,6 +1,5 @@
 """The steps of a fit that touch Mitsuba: light, problem, solvers, maps."""
 
-import gc
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -23,7 +22,7 @@ FACING = 0.05  # cosine from which a surface that faces an LED should be lit
 
 
 def choose_light(
-    ring: RingScene, shadows: str, spp: int, share: float
+    ring: RingScene, shadows: str, spp: int, share: float, seed: int
 ) -> tuple[Illumination, np.ndarray, str]:
     """Trace the LEDs, with cast shadows where they are asked for or needed.
 
@@ -35,6 +34,8 @@ def choose_light(
         Rays per pixel.
     share : float
         Share of shadowed (pixel, LED) above which `auto` models them.
+    seed : int
+        Of the rays; another than a simulation's, or its sampling noise would cancel.
 
     Returns
     -------
@@ -55,7 +56,7 @@ def choose_light(
     else:
         how = {"off": "not modelled", "scene": "traced on the scene's geometry", "downweight": "down-weighted"}
         note = f"{how[shadows]}: asked for by --shadows {shadows}"
-    light, coverage = trace_illumination(ring, spp, shadows == "scene")
+    light, coverage = trace_illumination(ring, spp, shadows == "scene", seed)
     return light, coverage, note
 
 
@@ -95,7 +96,6 @@ def solve(
     options : fit.Options
         `solver`, `preset`, `shadows` and `seed` count.
     """
-    gc.collect()  # an old scene freed while Dr.Jit records a frozen function would abort the process
     light = problem.illumination
     normal = start_normal.reshape(-1, 3)[problem.pixel]
     effort = lm.PRESETS[options.preset]
@@ -142,12 +142,13 @@ def assemble_maps(problem: Problem, solution: lm.Solution, shape: tuple[int, int
     normal /= height
     reflectance = np.exp(theta[:, 2:])
     sigma = normal_sigma_deg(theta[:, 0], theta[:, 1], solution.covariance[:, :2, :2])
-    reflectance_sigma = reflectance * np.sqrt(np.diagonal(solution.covariance, axis1=1, axis2=2)[:, 2:])
+    variance = np.diagonal(solution.covariance, axis1=1, axis2=2)
+    reflectance_sigma = reflectance * np.sqrt(np.maximum(variance[:, 2:], 0))
     if ring.constant_light == 0:
         scale = 1 / reflectance.max(axis=1, keepdims=True)
         reflectance, reflectance_sigma = reflectance * scale, reflectance_sigma * scale
     has_pairs = np.diff(problem.pairs.offset.numpy()) > 0
-    known = has_pairs & (sigma < KNOWN_SIGMA_DEG)
+    known = has_pairs & (sigma < KNOWN_SIGMA_DEG) & (variance > 0).all(axis=1)  # rounding can spoil an inverse
 
     def image(values, elsewhere):
         out = np.full((shape[0] * shape[1], *values.shape[1:]), elsewhere, np.float32)

@@ -13,12 +13,12 @@ The noise is the shot noise of photo-electrons, white in log I with density 1 / 
 photoreceptor. Density and bandwidth both follow I, so its variance pi cutoff / photon_rate is the same in all
 light.
 
-Time goes in steps in which log I, v and leak together change by at most CHANGE. Within a step log I is
-linear in the photoreceptor's own time, integral dt / tau, so that v is an exact exponential. The noise takes
-exact Ornstein-Uhlenbeck steps of at most NOISE_STEP in that time, and is linear inside (a second pole would
-do the same); where it can't reach a threshold the steps are longer. Crossings within a step are found to
-rounding error. Without photoreceptor log I is exact at any time; without leak and rise time too, a step is a
-whole ramp and its crossing a closed form.
+Time goes in steps in which log I, v and leak together change by at most CHANGE. Within a step log I is a
+parabola in the photoreceptor's own time, integral dt / tau, to which v answers in closed form. The noise
+takes exact Ornstein-Uhlenbeck steps of at most NOISE_STEP in that time, and is linear inside (a second pole
+would do the same); where it can't reach a threshold the steps are longer. Crossings within a step are found
+to rounding error. Without photoreceptor log I is exact at any time; without leak and rise time too, a step
+is a whole ramp and its crossing a closed form.
 """
 
 from typing import NamedTuple
@@ -57,10 +57,10 @@ class _Step(NamedTuple):
     transient: float
     led_rate: float
     cutoff: float
-    light: float
-    light_then: float
+    own_time: float
     log_light: float
     log_light_then: float
+    bend: float
     lagged: float  # v at x = 0
     noise: float
     noise_then: float
@@ -138,11 +138,15 @@ def _run_pixel(light, threshold_on, threshold_off, leak, state, model, t_us, pol
             after = transient * np.exp(-model.led_rate * length) if model.led_rate > 0 else 0.0
             then = begin - lag + slope * x_piece + after
             log_then = np.log(then) if then != now else log_now
-            own_time = model.cutoff * length * 0.5 * (now + then)
+            own_time = model.cutoff * (0.5 * length * (now - transient + then - after))
+            own_time += model.cutoff * model.led_rise_us * (transient - after)
             gone = -np.expm1(-own_time)
-            lagged_then, noise_then = log_then, noise
+            lagged_then, noise_then, bend = log_then, noise, 0.0
             if model.cutoff > 0:
-                lagged_then = _lag(lagged, log_now, log_then, own_time, own_time, gone)
+                growth = (slope - transient * model.led_rate) / (now * now)
+                growth_then = (slope - after * model.led_rate) / (then * then)
+                bend = 0.5 * (growth_then - growth) / (model.cutoff * own_time)
+                lagged_then = _lag(lagged, log_now, log_then, bend, own_time, own_time, gone)
             if model.noise > 0:
                 if spare_is_left:
                     normal = spare
@@ -152,7 +156,7 @@ def _run_pixel(light, threshold_on, threshold_off, leak, state, model, t_us, pol
                 noise_then = (1 - gone) * noise + model.noise * np.sqrt(gone * (2 - gone)) * normal
             step = _Step(
                 length, now - transient, slope, transient, model.led_rate, model.cutoff,
-                now, then, log_now, log_then, lagged, noise, noise_then,
+                own_time, log_now, log_then, bend, lagged, noise, noise_then,
             )  # fmt: skip
 
             # Its crossings
@@ -191,13 +195,15 @@ def _run_pixel(light, threshold_on, threshold_off, leak, state, model, t_us, pol
 
 
 @njit(cache=True)
-def _lag(lagged, log_light, log_light_then, own_time, whole_time, gone):
-    """Give v at own_time, while log I goes evenly from log_light to log_light_then in whole_time.
+def _lag(lagged, log_light, log_light_then, bend, own_time, whole_time, gone):
+    """Give v at own_time, while log I goes from log_light to log_light_then in whole_time.
 
-    `gone` is 1 - exp(-own_time).
+    `bend` is half the second derivative of log I, `gone` is 1 - exp(-own_time).
     """
     change = (log_light_then - log_light) / whole_time
-    return lagged + (log_light - lagged) * gone + change * (own_time - gone)
+    behind = own_time - gone
+    even = lagged + (log_light - lagged) * gone + change * behind
+    return even + bend * (own_time * own_time - (whole_time + 2) * behind)
 
 
 @njit(cache=True, error_model="numpy")
@@ -205,12 +211,14 @@ def _log_intensity(x, step):
     """Give v + noise at x of a step."""
     if step.cutoff == 0:
         return np.log(step.flat + step.slope * x + step.transient * np.exp(-step.led_rate * x))
-    part = x / step.length
-    own_time = step.cutoff * x * (step.light + 0.5 * (step.light_then - step.light) * part)
-    whole_time = step.cutoff * step.length * 0.5 * (step.light + step.light_then)
+    own_time = step.cutoff * x * (step.flat + 0.5 * step.slope * x)
+    if step.led_rate > 0:
+        own_time -= step.cutoff * step.transient * np.expm1(-step.led_rate * x) / step.led_rate
     gone = -np.expm1(-own_time)
-    lagged = _lag(step.lagged, step.log_light, step.log_light_then, own_time, whole_time, gone)
-    return lagged + step.noise + (step.noise_then - step.noise) * part
+    lagged = _lag(
+        step.lagged, step.log_light, step.log_light_then, step.bend, own_time, step.own_time, gone
+    )
+    return lagged + step.noise + (step.noise_then - step.noise) * (x / step.length)
 
 
 @njit(cache=True, error_model="numpy")

@@ -54,9 +54,11 @@ class Options:
     """Where to compute; gpu needs an NVIDIA card."""
 
 
-SAMPLES = {"fast": 1, "balanced": 4, "accurate": 16}  # rays per pixel for visibility
+SAMPLES = {"fast": 4, "balanced": 16, "accurate": 64}  # rays per pixel for visibility
 SHADOW_SHARE = 1e-3  # of (pixel, LED) that face each other, from which shadows are worth their rays
 MAX_BANDS = 40  # of the per-pixel systems
+THRESHOLDS = (1e-3, 10.0)  # of natural log intensity, outside of which no event pixel is
+MISFIT = 0.5  # relative threshold noise above which events and scene contradict each other
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -123,11 +125,20 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
     with stages.stage("load scene"):
         ring = scenes.load_scene(options.scene, parse_definitions(options.define))
         check_fit(ring, recording, options)
+        if ring.constant_light == 0:
+            warnings.warn(
+                InputWarning(
+                    f"{options.scene}: constant_light is 0, so the scale of reflectance is unknown and the largest "
+                    "band of each pixel is set to 1; measure the constant light and write it there."
+                )
+            )
         truth = None
         if options.truth:
             truth = read_truth(options.truth, ring.height, ring.width, ring.leds.n_band)
     with stages.stage("trace light"):
-        light, coverage, shadows = decode.choose_light(ring, options.shadows, SAMPLES[options.preset], SHADOW_SHARE)
+        light, coverage, shadows = decode.choose_light(
+            ring, options.shadows, SAMPLES[options.preset], SHADOW_SHARE, options.seed + 1
+        )
         mask = coverage >= 0.5
         if not mask.any():
             raise InputError(f"{options.scene}: the camera does not see the shape object; move one of them.")
@@ -145,6 +156,17 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
     with stages.stage("solve") as advance:
         solution = decode.solve(problem, start_normal, options, advance)
     maps = decode.assemble_maps(problem, solution, mask.shape, ring)
+    if not maps.mask.any():
+        warnings.warn(
+            InputWarning(f"{options.events}: the events leave no pixel known; record more rounds, or with less constant light.")
+        )
+    if solution.noise > MISFIT:
+        warnings.warn(
+            InputWarning(
+                f"{options.events}: the events contradict {options.scene}, their thresholds scatter by "
+                f"{solution.noise:.0%}; check order, slot_us, triggers, thresholds and constant_light."
+            )
+        )
     summary = {
         "evsdr": __version__,
         "scene": str(options.scene),
@@ -183,6 +205,13 @@ def check_fit(ring, recording: Recording, options: Options) -> None:
             f"{options.scene}: the film is {ring.width} x {ring.height} pixels but the events of {options.events} "
             f"are {size[0]} x {size[1]}; make the film as large as the sensor region."
         )
+    for name in ("contrast_threshold_on", "contrast_threshold_off"):
+        threshold = np.asarray(getattr(recording.sensor, name))
+        if threshold.min() < THRESHOLDS[0] or threshold.max() > THRESHOLDS[1]:
+            raise InputError(
+                f"{options.events}: {name} goes from {threshold.min():g} to {threshold.max():g}; "
+                "write changes of natural log intensity, as 0.25."
+            )
     unknown = int(np.max(recording.schedule.order))
     if unknown >= ring.leds.n_led:
         raise InputError(

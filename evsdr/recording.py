@@ -109,7 +109,7 @@ def write_recording(path: str | Path, recording: Recording) -> None:
         for name in ("slot_us", "crossfade", "start_us"):
             group.attrs[name] = _finite(name, getattr(schedule, name))
     with atomic_path(path) as temporary:
-        temporary.write_bytes(image.getbuffer())
+        temporary.write_bytes(image.getvalue())
 
 
 def _finite(name: str, value: float) -> float:

@@ -75,7 +75,7 @@ def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
         scene = mi.load_file(str(path), optimize=False, **(define or {}))
     except (RuntimeError, ValueError, TypeError) as error:
         raise InputError(
-            f"{path}: Mitsuba can't load it, {_in_one_line(error)}; correct the file, or what -D sets in it."
+            f"{path}: Mitsuba can't load it: {_in_one_line(error)}; correct the file, or what -D sets in it."
         ) from error
     if not isinstance(scene, mi.Scene):
         raise InputError(f"{path}: it is not a scene; its root element must be <scene>.")
@@ -99,7 +99,7 @@ def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
     except ValueError as error:
         raise InputError(f"{path}: {error}; see scenes/README.md for a scene that works.") from error
     if not 2 <= leds.n_led <= 256:
-        raise InputError(f"{path}: it has {leds.n_led} LED; a ring needs 2 to 256 emitters named led_00, led_01, ...")
+        raise InputError(f"{path}: it has {leds.n_led} LEDs; give it 2 to 256 emitters named led_00, led_01 and so on.")
     constant_light = float(integrator.constant_light[0])
     if not constant_light >= 0 or not np.isfinite(constant_light):
         raise InputError(f"{path}: constant_light is {constant_light:g}; it must be 0 or more.")
@@ -110,7 +110,7 @@ def _in_one_line(error: Exception) -> str:
     """Leave out what speaks of Mitsuba's own source: traceback, file and line."""
     text = re.sub(r"Traceback \(most recent call last\):.*\n", "", str(error).strip(), flags=re.DOTALL)
     text = re.sub(r"\[\w+\.cpp:\d+\] |\b[A-Z]\w+Error: ", "", text)
-    return re.sub(r"\s*\n[\s-]*", " ", text).rstrip(".")
+    return re.sub(r"\s*\n[\s-]*", " ", text).rstrip(".!")
 
 
 def led_images(ring: RingScene, spp: int, seed: int = 0) -> np.ndarray:

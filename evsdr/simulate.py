@@ -32,8 +32,8 @@ class Options:
     """C_w with --frames; a scene brings its own."""
     rounds: int = 6
     """Rounds of the ring."""
-    slot_us: float = 10_000.0
-    """Length of a slot [us]."""
+    slot_us: float = 20_000.0
+    """Length of a slot [us]; in a shorter one the photoreceptor's lag weighs more."""
     crossfade: float = 1.0
     """Fraction of a slot's end over which an LED fades into the next; 0 is a hard switch."""
     led_rise_us: float = 0.0

@@ -24,25 +24,26 @@ def light_path(t_us, signal, constant_light, order, slot_us, crossfade, led_rise
     """Give I (n_time, n_pixel) for signal (n_led, n_pixel) at evenly spaced times."""
     weight = led_weights(t_us, order, slot_us, crossfade, len(signal))
     if led_rise_us:
-        target = weight[:-1] if crossfade == 0 else 0.5 * (weight[:-1] + weight[1:])
         gain = 1 - np.exp(-(t_us[1] - t_us[0]) / led_rise_us)
         settled = [weight[0]]
-        for now in target:
-            settled.append(settled[-1] + gain * (now - settled[-1]))
+        for target in _between(weight, jumps=crossfade == 0):
+            settled.append(settled[-1] + gain * (target - settled[-1]))
         weight = np.array(settled)
     return np.maximum(weight @ signal + constant_light, DARKNESS)
 
 
-def lagged_path(t_us, light, cutoff_hz):
-    """Give the low-passed log I (n_time, n_pixel)."""
-    step = t_us[1] - t_us[0]
-    log_light = np.log(light)
-    lagged = log_light.copy()
-    for i in range(1, len(light)):
-        kept = np.exp(-2e-6 * np.pi * cutoff_hz * 0.5 * (light[i - 1] + light[i]) * step)
-        target = 0.5 * (log_light[i - 1] + log_light[i])
-        lagged[i] = target + kept * (lagged[i - 1] - target)
-    return lagged
+def lagged_path(t_us, light, cutoff_hz, jumps):
+    """Give the low-passed log I (n_time, n_pixel); `jumps` where the light is a staircase."""
+    own_time = 2e-6 * np.pi * cutoff_hz * _between(light, jumps) * (t_us[1] - t_us[0])
+    lagged = [np.log(light[0])]
+    for target, kept in zip(_between(np.log(light), jumps), np.exp(-own_time)):
+        lagged.append(target + kept * (lagged[-1] - target))
+    return np.array(lagged)
+
+
+def _between(values, jumps):
+    """Give the values that hold between the times of a grid that has the jumps on it."""
+    return values[:-1] if jumps else 0.5 * (values[:-1] + values[1:])
 
 
 def find_events(t_us, path, on, off, refractory_us, leak_per_us=0.0):
