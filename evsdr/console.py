@@ -15,9 +15,7 @@ from rich.text import Text
 from evsdr.errors import InputError, InputWarning
 
 
-def run_command(
-    name: str, options_type: type, command: Callable[..., None], argv: list[str] | None
-) -> int:
+def run_command(name: str, options_type: type, command: Callable[..., None], argv: list[str] | None) -> int:
     """Parse options and run a command.
 
     Parameters
@@ -55,9 +53,9 @@ def run_command(
 def parse_definitions(define: tuple[str, ...]) -> dict[str, str]:
     """Read `name=value` pairs for the `<default>` parameters of a scene file."""
     pairs = [text.partition("=") for text in define]
-    for name, equals, _ in pairs:
+    for name, equals, value in pairs:
         if not name or not equals:
-            raise InputError(f"-D {name}{equals}: write it as -D name=value.")
+            raise InputError(f"-D {name}{equals}{value}: write it as -D name=value.")
     return {name: value for name, _, value in pairs}
 
 

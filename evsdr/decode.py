@@ -148,7 +148,8 @@ def assemble_maps(problem: Problem, solution: lm.Solution, shape: tuple[int, int
         scale = 1 / reflectance.max(axis=1, keepdims=True)
         reflectance, reflectance_sigma = reflectance * scale, reflectance_sigma * scale
     has_pairs = np.diff(problem.pairs.offset.numpy()) > 0
-    known = has_pairs & (sigma < KNOWN_SIGMA_DEG) & (variance > 0).all(axis=1)  # rounding can spoil an inverse
+    sound = (variance > 0).all(axis=1)  # rounding can spoil an inverse
+    known = has_pairs & sound & (sigma < KNOWN_SIGMA_DEG)
 
     def image(values, elsewhere):
         out = np.full((shape[0] * shape[1], *values.shape[1:]), elsewhere, np.float32)

@@ -128,8 +128,8 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
         if ring.constant_light == 0:
             warnings.warn(
                 InputWarning(
-                    f"{options.scene}: constant_light is 0, so the scale of reflectance is unknown and the largest "
-                    "band of each pixel is set to 1; measure the constant light and write it there."
+                    f"{options.scene}: constant_light is 0, so the scale of reflectance is unknown and the "
+                    "largest band of each pixel is set to 1; measure the constant light and write it there."
                 )
             )
         truth = None
@@ -145,7 +145,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
         if options.mask:
             mask &= read_mask(options.mask, mask.shape)
             if not mask.any():
-                raise InputError(f"{options.mask}: the mask has no pixel of the object; draw it where {options.scene} has it.")
+                raise InputError(f"{options.mask}: the mask has no pixel of the object; draw it over the object.")
         start_normal = decode.start_normals(ring, options.init)
     with stages.stage("pair events"):
         try:
@@ -158,7 +158,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
     maps = decode.assemble_maps(problem, solution, mask.shape, ring)
     if not maps.mask.any():
         warnings.warn(
-            InputWarning(f"{options.events}: the events leave no pixel known; record more rounds, or with less constant light.")
+            InputWarning(f"{options.events}: no pixel is known; record more rounds, or with less constant light.")
         )
     if solution.noise > MISFIT:
         warnings.warn(

@@ -36,7 +36,7 @@ def read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
             colours = info["planes"] - info["alpha"]  # transparency does not count
             image = image[..., :colours].any(axis=-1)
     except Exception as error:  # NumPy, pypng and zlib raise ten kinds on damage
-        raise InputError(f"{path}: not a readable PNG or .npy image; save the mask as one of these.") from error
+        raise InputError(f"{path}: not a readable PNG or .npy image; save the mask as one.") from error
     if not isinstance(image, np.ndarray) or image.dtype.kind not in "biuf":
         raise InputError(f"{path}: the mask is not an array of numbers; save 0 and 1.")
     if image.shape != shape:

@@ -90,7 +90,7 @@ def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
         raise InputError(f'{path}: the sensor "camera" must be orthographic or perspective; change its type.')
     width, height = (int(n) for n in sensor.film().crop_size())
     if width * height == 0:
-        raise InputError(f"{path}: the film is {width} x {height} pixels; give it the size of the sensor region.")
+        raise InputError(f"{path}: the film is {width} x {height} pixels; make it as large as the sensor.")
     if integrator.max_depth != int(integrator.max_depth):
         raise InputError(f"{path}: max_depth is {integrator.max_depth:g}; it must be an integer, 1 or more.")
     try:
@@ -99,7 +99,7 @@ def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
     except ValueError as error:
         raise InputError(f"{path}: {error}; see scenes/README.md for a scene that works.") from error
     if not 2 <= leds.n_led <= 256:
-        raise InputError(f"{path}: it has {leds.n_led} LEDs; give it 2 to 256 emitters named led_00, led_01 and so on.")
+        raise InputError(f"{path}: the number of LEDs is {leds.n_led}; write 2 to 256, led_00, led_01 and so on.")
     constant_light = float(integrator.constant_light[0])
     if not constant_light >= 0 or not np.isfinite(constant_light):
         raise InputError(f"{path}: constant_light is {constant_light:g}; it must be 0 or more.")

@@ -2,6 +2,8 @@
 
     python -m experiments.benchmark ring        # one pass against one stock render per LED
     python -m experiments.benchmark gradients   # automatic against finite differences
+    python -m experiments.benchmark presets     # seconds, memory and errors of whole fits
+    python -m experiments.benchmark solvers     # Levenberg-Marquardt beside the published decoder
 """
 
 import sys
@@ -19,9 +21,14 @@ def main(argv: list[str] | None = None) -> int:
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    from . import gradients, one_pass  # they import Mitsuba
+    from . import fitting, gradients, one_pass  # they import Mitsuba
 
-    commands = {"ring": one_pass.report, "gradients": gradients.report}
+    commands = {
+        "ring": one_pass.report,
+        "gradients": gradients.report,
+        "presets": fitting.report_presets,
+        "solvers": fitting.report_solvers,
+    }
     tyro.extras.subcommand_cli_from_dict(commands, prog="benchmark", description=__doc__, args=argv)
     return 0
 

@@ -9,16 +9,25 @@ DIFFUSE = '<bsdf type="diffuse"><spectrum name="reflectance" value="430:0.3, 640
 SPHERE = f'<shape type="sphere" id="object">{DIFFUSE}</shape>'
 
 
-def leds(n: int = 8, colours: tuple = ("blue", "red"), power: float = 1.0) -> str:
-    """Write n far LEDs at a polar angle of 45 degrees that give a patch facing them `power` each."""
+def leds(
+    n: int = 8, colours: tuple = ("blue", "red"), power: float = 1.0, distance: float | None = None
+) -> str:
+    """Write n LEDs at a polar angle of 45 degrees; a patch at the origin that faces one has `power` of it.
+
+    They are far, or point lights at a distance.
+    """
     lines = []
     for j in range(n):
         low, middle, high = SPECTRA[colours[j % len(colours)]]
-        x, y = math.cos(2 * math.pi * j / n), math.sin(2 * math.pi * j / n)
-        lines.append(
-            f'<emitter type="directional" id="led_{j:03d}"><vector name="direction" x="{-x:.6f}" y="{-y:.6f}" z="-1"/>'
-            f'<spectrum name="irradiance" value="{low}:0, {middle}:{power / 20:g}, {high}:0"/></emitter>'
-        )
+        x, y, z = (c / 2**0.5 for c in (math.cos(2 * math.pi * j / n), math.sin(2 * math.pi * j / n), 1))
+        if distance is None:
+            kind, name, peak = "directional", "irradiance", power / 20
+            place = f'<vector name="direction" x="{-x:.6f}" y="{-y:.6f}" z="{-z:.6f}"/>'
+        else:
+            kind, name, peak = "point", "intensity", power * distance**2 / 20
+            place = f'<point name="position" x="{distance * x}" y="{distance * y}" z="{distance * z}"/>'
+        spectrum = f'<spectrum name="{name}" value="{low}:0, {middle}:{peak:g}, {high}:0"/>'
+        lines.append(f'<emitter type="{kind}" id="led_{j:03d}">{place}{spectrum}</emitter>')
     return "\n".join(lines)
 
 
@@ -33,7 +42,9 @@ def camera(name: str = "camera", kind: str = "orthographic", width: int = WIDTH,
             <rfilter type="box"/></film></sensor>"""
 
 
-def scene(integrator: str = RING, sensor: str | None = None, light: str | None = None, shape: str = SPHERE) -> str:
+def scene(
+    integrator: str = RING, sensor: str | None = None, light: str | None = None, shape: str = SPHERE
+) -> str:
     """Write a scene.xml."""
     parts = (integrator, camera() if sensor is None else sensor, leds() if light is None else light, shape)
     default = '<default name="constant_light" value="0.05"/>' if "$" in integrator else ""

@@ -291,6 +291,17 @@ def test_shot_noise():
     assert fired.min() > 2500
 
 
+def test_shot_noise_under_leak():
+    """Leak events jitter by about the noise, 0.02, in one long slot too."""
+    quiet = replace(EventPixel.ideal(0.25, 0.0), cutoff_hz=3000, leak_hz=100)
+    for photon_rate_per_us, jitter in ((CUTOFF / (2 * 0.02**2), 0.016), (0.0, 0.0)):
+        pixel = replace(quiet, photon_rate_per_us=photon_rate_per_us)
+        index, _, t_us = run(np.ones((1, 5, 5)), 0.0, ring([0], 1e6), 1, pixel)
+        gap = np.diff(t_us)[np.diff(index) == 0] * 100e-6 * 0.25  # in log intensity
+        assert gap.mean() == pytest.approx(0.25, rel=1e-3)
+        assert gap.std() == pytest.approx(jitter, abs=0.004)
+
+
 @pytest.mark.parametrize("light", [1.0, 0.1])
 def test_default_noise_fires_nothing_in_steady_light(light):
     """The default shot noise is 1/26 of the nominal threshold."""

@@ -79,7 +79,9 @@ def broken_png() -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", b"not zlib") + chunk(b"IEND", b"")
 
 
-GREY = saved(lambda file: png.Writer(SHAPE[1], SHAPE[0], greyscale=True).write(file, [[255] * SHAPE[1]] * SHAPE[0]))
+GREY = saved(
+    lambda file: png.Writer(SHAPE[1], SHAPE[0], greyscale=True).write(file, [[255] * SHAPE[1]] * SHAPE[0])
+)
 ARRAY = saved(lambda file: np.save(file, np.ones(SHAPE)))
 BAD = {
     "missing.png": (None, "no such file"),

@@ -55,16 +55,30 @@ def test_missing_file(tmp_path):
     [
         (scene(shape='<shape type="spheroid" id="object"/>'), 'shape plugin of type "spheroid"'),
         (scene(shape=SPHERE + '<include filename="ring24.xml"/>'), '"ring24.xml" not found'),
-        (scene(shape='<shape type="ply" id="object"><string name="filename" value="a.ply"/></shape>'), '"a.ply"'),
+        (
+            scene(shape='<shape type="ply" id="object"><string name="filename" value="a.ply"/></shape>'),
+            '"a.ply"',
+        ),
         (scene(shape=SPHERE.replace("<bsdf", '<float name="size" value="2"/><bsdf')), '"size": 2'),
         (scene(shape=SPHERE + SPHERE), 'duplicate ID: "object"'),
         (scene(light=leds(2) + leds(2)), 'duplicate ID: "led_000"'),
         (scene(shape=SPHERE.replace("<bsdf", '<float name="radius" value="$size"/><bsdf')), "$size"),
         (scene(integrator=IN_RING('<float name="constant_ligth" value="1"/>')), '"constant_ligth"'),
-        (scene(integrator=IN_RING('<integer name="max_depth" value="0"/>')), "max_depth must be at least 1, got 0"),
-        (scene(integrator=IN_RING('<integer name="max_depth" value="-2"/>')), "max_depth must be at least 1, got -2"),
+        (
+            scene(integrator=IN_RING('<integer name="max_depth" value="0"/>')),
+            "max_depth must be at least 1, got 0",
+        ),
+        (
+            scene(integrator=IN_RING('<integer name="max_depth" value="-2"/>')),
+            "max_depth must be at least 1, got -2",
+        ),
         (scene(integrator=IN_RING('<string name="max_depth" value="many"/>')), 'plugin of type "ring"'),
-        (scene(integrator='<integrator type="ring"><string name="constant_light" value="dim"/></integrator>'), '"ring"'),
+        (
+            scene(
+                integrator='<integrator type="ring"><string name="constant_light" value="dim"/></integrator>'
+            ),
+            '"ring"',
+        ),
     ],
 )
 def test_what_mitsuba_says_is_passed_on(tmp_path, text, words):
@@ -91,7 +105,7 @@ def test_what_mitsuba_says_is_passed_on(tmp_path, text, words):
             scene(sensor=camera(kind="radiancemeter", width=1, height=1)),
             'the sensor "camera" must be orthographic or perspective; change its type.',
         ),
-        (scene(sensor=camera(width=0)), "the film is 0 x 12 pixels; give it the size of the sensor region."),
+        (scene(sensor=camera(width=0)), "the film is 0 x 12 pixels; make it as large as the sensor."),
         (
             scene(integrator=IN_RING('<float name="max_depth" value="1.5"/>')),
             "max_depth is 1.5; it must be an integer, 1 or more.",
@@ -104,8 +118,14 @@ def test_what_mitsuba_says_is_passed_on(tmp_path, text, words):
             scene(light=leds(3).replace("led_", "lamp_")),
             "no emitter has an id that starts with 'led'; see scenes/README.md for a scene that works.",
         ),
-        (scene(light=leds(1)), "it has 1 LEDs; give it 2 to 256 emitters named led_00, led_01 and so on."),
-        (scene(light=leds(257)), "it has 257 LEDs; give it 2 to 256 emitters named led_00, led_01 and so on."),
+        (
+            scene(light=leds(1)),
+            "the number of LEDs is 1; write 2 to 256, led_00, led_01 and so on.",
+        ),
+        (
+            scene(light=leds(257)),
+            "the number of LEDs is 257; write 2 to 256, led_00, led_01 and so on.",
+        ),
         (
             scene(light=leds(3, ("blue", "red", "ultraviolet"))),
             "emitter 'led_002' gives the camera no light between 360 and 830 nm; "
