@@ -107,7 +107,9 @@ def solve(
         optimiser[name] = Float(np.ascontiguousarray(column, np.float32))
     for k in range(rank):
         optimiser[f"a{k}"] = Float((0.2 + 0.01 * rng.standard_normal(n_pixel)).astype(np.float32))
-        optimiser[f"b{k}"] = Float((n_band**-0.5 * (1 + 0.1 * rng.standard_normal(n_band))).astype(np.float32))
+        optimiser[f"b{k}"] = Float(
+            (n_band**-0.5 * (1 + 0.1 * rng.standard_normal(n_band))).astype(np.float32)
+        )
     optimiser.set_learning_rate(nx=settings.rate_normal, ny=settings.rate_normal, nz=settings.rate_normal)
 
     def reflectance_of(variables):
@@ -119,7 +121,9 @@ def solve(
     def gate(normal):
         """Weight of each pair: low where the normal is near the half vector of one of its LEDs."""
         angle = [dr.acos(dr.minimum(dr.dot(normal, h), 1.0)) for h in half]
-        gloss = [(1.0 - settings.gate_floor) * dr.exp(-dr.square(x / float(np.radians(GATE_DEG)))) for x in angle]
+        gloss = [
+            (1.0 - settings.gate_floor) * dr.exp(-dr.square(x / float(np.radians(GATE_DEG)))) for x in angle
+        ]
         start, end, _ = ends(signal_table(gloss, n_pixel), pairs, pair, pixel_of_pair, n, True)
         return (1.0 - start) * (1.0 - end)
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 from scipy import ndimage
@@ -51,10 +50,16 @@ def choose_light(
     elif shadows == "auto":
         found = cast_shadow_share(ring)
         shadows = "scene" if found > share else "off"
-        note = f"{found:.2%} of the (pixel, LED) pairs that face each other are blocked on the scene's geometry"
+        note = (
+            f"{found:.2%} of the (pixel, LED) pairs that face each other are blocked on the scene's geometry"
+        )
         note = f"{'traced' if shadows == 'scene' else 'not modelled'}: {note}"
     else:
-        how = {"off": "not modelled", "scene": "traced on the scene's geometry", "downweight": "down-weighted"}
+        how = {
+            "off": "not modelled",
+            "scene": "traced on the scene's geometry",
+            "downweight": "down-weighted",
+        }
         note = f"{how[shadows]}: asked for by --shadows {shadows}"
     light, coverage = trace_illumination(ring, spp, shadows == "scene", seed)
     return light, coverage, note
@@ -106,7 +111,14 @@ def solve(
     if options.solver == "adam":
         settings = adam.AdamSettings()
         normal, reflectance = adam.solve(
-            light, problem.pairs, normal, problem.pixel, start_normal.shape[:2], settings, options.seed, progress
+            light,
+            problem.pairs,
+            normal,
+            problem.pixel,
+            start_normal.shape[:2],
+            settings,
+            options.seed,
+            progress,
         )
         n_step = settings.n_step
         effort = replace(effort, stages=(), n_sweep=0, n_final=0)  # only noise and sigma at Adam's result

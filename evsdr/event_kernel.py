@@ -215,9 +215,7 @@ def _log_intensity(x, step):
     if step.led_rate > 0:
         own_time -= step.cutoff * step.transient * np.expm1(-step.led_rate * x) / step.led_rate
     gone = -np.expm1(-own_time)
-    lagged = _lag(
-        step.lagged, step.log_light, step.log_light_then, step.bend, own_time, step.own_time, gone
-    )
+    lagged = _lag(step.lagged, step.log_light, step.log_light_then, step.bend, own_time, step.own_time, gone)
     return lagged + step.noise + (step.noise_then - step.noise) * (x / step.length)
 
 

@@ -87,7 +87,10 @@ def ends(table, pairs: PairData, k, pixel, n_pixel, active):
     Float = type(pairs.phases)
     *phases, polarity = unpack_pair(pairs, k, active)
     values = [
-        sum(share * dr.gather(Float, table, led * n_pixel + pixel, active) for led, share in _lit(pairs, phase, active))
+        sum(
+            share * dr.gather(Float, table, led * n_pixel + pixel, active)
+            for led, share in _lit(pairs, phase, active)
+        )
         for phase in phases
     ]
     return *values, polarity

@@ -77,8 +77,9 @@ def check_folder(folder: Path) -> None:
     InputError
         A file of that name is in the way.
     """
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: a file of that name is in the way; give another folder by --out.")
+    for level in (folder, *folder.parents):
+        if level.exists() and not level.is_dir():
+            raise InputError(f"{level}: a file of that name is in the way; give another folder by --out.")
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:

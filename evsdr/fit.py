@@ -46,9 +46,9 @@ class Options:
     """Image (PNG or .npy) whose non-zero pixels are solved."""
     seed: int = 0
     """Seed of everything random."""
-    define: Annotated[
-        tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction
-    ] = field(default=())
+    define: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction] = field(
+        default=()
+    )
     """name=value for a <default> parameter of the scene file; may be repeated."""
     device: Literal["cpu", "gpu"] = "cpu"
     """Where to compute; gpu needs an NVIDIA card."""
@@ -145,7 +145,9 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
         if options.mask:
             mask &= read_mask(options.mask, mask.shape)
             if not mask.any():
-                raise InputError(f"{options.mask}: the mask has no pixel of the object; draw it over the object.")
+                raise InputError(
+                    f"{options.mask}: the mask has no pixel of the object; draw it over the object."
+                )
         start_normal = decode.start_normals(ring, options.init)
     with stages.stage("pair events"):
         try:
@@ -158,7 +160,9 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
     maps = decode.assemble_maps(problem, solution, mask.shape, ring)
     if not maps.mask.any():
         warnings.warn(
-            InputWarning(f"{options.events}: no pixel is known; record more rounds, or with less constant light.")
+            InputWarning(
+                f"{options.events}: no pixel is known; record more rounds, or with less constant light."
+            )
         )
     if solution.noise > MISFIT:
         warnings.warn(
@@ -176,7 +180,11 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
         "model": {
             "cast shadows": shadows,
             "LEDs": f"{ring.leds.n_led} in {ring.leds.n_band} bands, "
-            + ("near: direction and fall-off per pixel" if ring.is_near else "far: one direction for all pixels"),
+            + (
+                "near: direction and fall-off per pixel"
+                if ring.is_near
+                else "far: one direction for all pixels"
+            ),
             "light paths": "direct light only",
             "gloss": "none; robust weights only",
             "scale": decode.scale_note(ring),

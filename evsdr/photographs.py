@@ -54,11 +54,15 @@ def read_stack(path: Path) -> Stack:
         raise InputError(f"{path}: not a readable .npz archive; write it by numpy.savez.") from error
     for name, n_dimension in (("frames", 3), ("light_direction", 2)):
         if name not in arrays or arrays[name].ndim != n_dimension or not np.isfinite(arrays[name]).all():
-            raise InputError(f"{path}: {name} is missing or not a finite array of {n_dimension} dimensions; store it.")
+            raise InputError(
+                f"{path}: {name} is missing or not a finite array of {n_dimension} dimensions; store it."
+            )
     frames, direction = arrays["frames"].astype(np.float32), arrays["light_direction"].astype(float)
     n_led, *shape = frames.shape
     if direction.shape != (n_led, 3) or n_led < 2:
-        raise InputError(f"{path}: light_direction has shape {direction.shape}; {n_led} frames need ({n_led}, 3).")
+        raise InputError(
+            f"{path}: light_direction has shape {direction.shape}; {n_led} frames need ({n_led}, 3)."
+        )
     if frames.min() < 0:
         raise InputError(f"{path}: frames has negative values; subtract less black level.")
     length = np.linalg.norm(direction, axis=1, keepdims=True)
@@ -70,7 +74,9 @@ def read_stack(path: Path) -> Stack:
         mask=arrays.get("mask", np.ones(shape, bool)) != 0,
     )
     if [a.shape[:2] for a in (truth.normal, truth.reflectance, truth.mask)] != [tuple(shape)] * 3:
-        raise InputError(f"{path}: normal, reflectance and mask must be as large as the frames, {shape[0]} x {shape[1]}.")
+        raise InputError(
+            f"{path}: normal, reflectance and mask must be as large as the frames, {shape[0]} x {shape[1]}."
+        )
     return Stack(frames, direction / length, truth)
 
 

@@ -58,6 +58,7 @@ def make_problem(recording: Recording, pairs: Pairs, light: Illumination, mask: 
     count = np.diff(pairs.offset)[pixel]
     chosen = np.repeat(mask.ravel(), np.diff(pairs.offset))
     offset = np.concatenate([[0], np.cumsum(count)])
+
     def threshold(value):
         return mi.Float(np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
 

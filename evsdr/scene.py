@@ -8,11 +8,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from evsdr import spectral
 from evsdr.errors import InputError
 from evsdr.integrators.leds import Leds
 from evsdr.integrators.ring import RingIntegrator, camera_frame, find_object, pixel_mean, rotate
 from evsdr.records import Maps
 from evsdr.shading import Illumination
+
+TRUTH_NODES = 16  # of the quadrature of true reflectances: four times those of the renderer
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,9 @@ def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
     except ValueError as error:
         raise InputError(f"{path}: {error}; see scenes/README.md for a scene that works.") from error
     if not 2 <= leds.n_led <= 256:
-        raise InputError(f"{path}: the number of LEDs is {leds.n_led}; write 2 to 256, led_00, led_01 and so on.")
+        raise InputError(
+            f"{path}: the number of LEDs is {leds.n_led}; write 2 to 256, led_00, led_01 and so on."
+        )
     constant_light = float(integrator.constant_light[0])
     if not constant_light >= 0 or not np.isfinite(constant_light):
         raise InputError(f"{path}: constant_light is {constant_light:g}; it must be 0 or more.")
@@ -140,14 +145,22 @@ def trace_illumination(
     return light, coverage.numpy().reshape(ring.height, ring.width)
 
 
+def _fine_quadrature(spectrum: np.ndarray) -> list[tuple[mi.Spectrum, mi.Spectrum]]:
+    """Give nodes and weights in packets of four, more of them than the renderer uses."""
+    quadrature = spectral.gauss_quadrature(spectrum, TRUTH_NODES)
+    return [
+        tuple(mi.Spectrum(part.tolist()) for part in pair)
+        for pair in zip(*(q.reshape(-1, 4) for q in quadrature))
+    ]
+
+
 def surface_maps(ring: RingScene, spp: int, seed: int = 0) -> Maps:
     """Give the true normals and band reflectances of the object, averaged over each pixel's area.
 
     The mask holds the pixels that the object covers whole. Reflectance is that of diffuse reflection.
     """
     leds, frame = ring.leds, camera_frame(ring.sensor)
-    node = [mi.Spectrum(n) for n in leds.node_nm.tolist()]
-    weight = [mi.Spectrum(w) for w in leds.weight.tolist()]
+    packets = [_fine_quadrature(spectrum) for spectrum in leds.band_spectrum]
     target = find_object(ring.scene)
 
     def measure(si, ray, rng, active):
@@ -155,9 +168,12 @@ def surface_maps(ring: RingScene, spp: int, seed: int = 0) -> Maps:
         normal = rotate(frame, dr.mulsign(si.sh_frame.n, si.wi.z))
         values = [mi.Float(1.0), *normal]
         bsdf = si.bsdf(ray)
-        for n, w in zip(node, weight):
-            si.wavelengths = n
-            values.append(dr.sum(w * bsdf.eval_diffuse_reflectance(si, active)))
+        for band in packets:
+            total = mi.Float(0.0)
+            for nodes, weights in band:
+                si.wavelengths = nodes
+                total += dr.sum(weights * bsdf.eval_diffuse_reflectance(si, active))
+            values.append(total)
         return [dr.select(active, v, 0.0) for v in values]
 
     values = pixel_mean(ring.scene, ring.sensor, spp, seed, 4 + leds.n_band, measure)

@@ -70,7 +70,9 @@ def led_signals(illumination: Illumination, normal, reflectance: list) -> list:
     """
     return [
         reflectance[b] * irradiance * dr.maximum(dr.dot(normal, direction), 0.0)
-        for direction, irradiance, b in zip(illumination.direction, illumination.irradiance, illumination.band)
+        for direction, irradiance, b in zip(
+            illumination.direction, illumination.irradiance, illumination.band
+        )
     ]
 
 

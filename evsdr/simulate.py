@@ -1,4 +1,4 @@
-"""`python -m evsdr.simulate scene.xml --out DIR`: record a scene under its ring with simulated event pixels."""
+"""`python -m evsdr.simulate scene.xml --out DIR`: record a scene with simulated event pixels."""
 
 import sys
 from dataclasses import dataclass, field, replace
@@ -27,11 +27,14 @@ class Options:
     out: Path = field(kw_only=True)
     """Folder for events.h5 and truth.npz."""
     frames: Path | None = None
-    """Photographs with known lights instead of a scene: an .npz, see `evsdr/photographs.py`. Writes a scene.xml too."""
-    constant_light: float = 0.05
-    """C_w with --frames; a scene brings its own."""
+    """Photographs with known lights instead of a scene: an .npz, see `evsdr/photographs.py`. Writes a
+    scene.xml too."""
+    constant_light: float | None = None
+    """C_w with --frames, 0.05 by default; a scene brings its own."""
     rounds: int = 6
     """Rounds of the ring."""
+    order: tuple[int, ...] | None = None
+    """LED of each slot of a round, -1 for none; by default each LED in turn."""
     slot_us: float = 20_000.0
     """Length of a slot [us]; in a shorter one the photoreceptor's lag weighs more."""
     crossfade: float = 1.0
@@ -41,21 +44,28 @@ class Options:
     pixel: EventPixel = EventPixel()
     """The event pixel; by default that of an EVK4."""
     ideal: bool = False
-    """Leave out spread, lag, shot noise, leak and hot pixels; thresholds, event noise and refractory period stay."""
+    """Leave out spread, lag, shot noise, leak and hot pixels; thresholds, event noise and refractory period
+    stay."""
     thresholds: Literal["calibrated", "nominal"] = "calibrated"
     """What events.h5 tells of the thresholds: those of each pixel, or one nominal value."""
     spp: int = 16
     """Rays per pixel."""
     seed: int = 0
     """Seed of everything random."""
-    define: Annotated[
-        tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction
-    ] = field(default=())
+    define: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction] = field(
+        default=()
+    )
     """name=value for a <default> parameter of the scene file; may be repeated."""
 
 
 IDEAL = dict(
-    spread_on=0.0, spread_off=0.0, cutoff_hz=0.0, photon_rate_per_us=0.0, leak_hz=0.0, hot_fraction=0.0, hot_hz=0.0
+    spread_on=0.0,
+    spread_off=0.0,
+    cutoff_hz=0.0,
+    photon_rate_per_us=0.0,
+    leak_hz=0.0,
+    hot_fraction=0.0,
+    hot_hz=0.0,
 )
 
 
@@ -70,13 +80,15 @@ def command(options: Options) -> None:
         raise InputError("Name either a scene file or --frames, not both.")
     for name, least in (("rounds", 1), ("spp", 1), ("seed", 0)):
         check_range(f"--{name}", getattr(options, name), least)
+    if options.scene and options.constant_light is not None:
+        raise InputError("--constant-light goes with --frames; a scene has its own, often set by -D.")
     check_folder(options.out)
     with Stages("simulate") as stages:
         if options.frames:
             with stages.stage("read photographs"):
                 stack = photographs.read_stack(options.frames)
                 signal, truth = stack.frames, stack.truth
-                constant_light = options.constant_light
+                constant_light = 0.05 if options.constant_light is None else options.constant_light
         else:
             with stages.stage("render"):
                 signal, truth, constant_light = render(options)
@@ -89,7 +101,9 @@ def command(options: Options) -> None:
                 )
         with stages.stage("write"), atomic_folder(options.out) as folder:
             write_recording(folder / "events.h5", recording)
-            np.savez(folder / "truth.npz", normal=truth.normal, reflectance=truth.reflectance, mask=truth.mask)
+            np.savez(
+                folder / "truth.npz", normal=truth.normal, reflectance=truth.reflectance, mask=truth.mask
+            )
             if options.frames:
                 photographs.write_scene(folder / "scene.xml", stack, constant_light)
             size = (folder / "events.h5").stat().st_size
@@ -120,7 +134,8 @@ def render(options: Options) -> tuple[np.ndarray, Truth, float]:
 def record(signal: np.ndarray, constant_light: float, options: Options, progress=None) -> Recording:
     """Let event pixels watch the ring go round."""
     n_led, height, width = signal.shape
-    schedule = Schedule(np.arange(n_led, dtype=np.int32), options.slot_us, options.crossfade)
+    order = np.arange(n_led) if options.order is None else options.order
+    schedule = Schedule(np.asarray(order, np.int32), options.slot_us, options.crossfade)
     pixel = replace(options.pixel, **IDEAL) if options.ideal else options.pixel
     events, on, off, round_start_us = simulate_events(
         signal,

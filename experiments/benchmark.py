@@ -1,9 +1,9 @@
 """Measure the renderer and the solver.
 
-    python -m experiments.benchmark ring        # one pass against one stock render per LED
-    python -m experiments.benchmark gradients   # automatic against finite differences
-    python -m experiments.benchmark presets     # seconds, memory and errors of whole fits
-    python -m experiments.benchmark solvers     # Levenberg-Marquardt beside the published decoder
+python -m experiments.benchmark ring        # one pass against one stock render per LED
+python -m experiments.benchmark gradients   # automatic against finite differences
+python -m experiments.benchmark presets     # seconds, memory and errors of whole fits
+python -m experiments.benchmark solvers     # Levenberg-Marquardt beside the published decoder
 """
 
 import sys

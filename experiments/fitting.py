@@ -53,12 +53,16 @@ def _compare(scene: str, size: int, sensor: list[str], ways: dict[str, list[str]
     with tempfile.TemporaryDirectory() as folder:
         noisy = ["--ideal", "--pixel.event-noise", "0.1", *sensor]
         _run("evsdr.simulate", [file, "--out", folder, *define, *noisy])
-        table = Table("", "seconds", "of these solving", "ratio", "MiB", "mean angle [deg]", "RMSE", "SAM [deg]")
+        table = Table(
+            "", "seconds", "of these solving", "ratio", "MiB", "mean angle [deg]", "RMSE", "SAM [deg]"
+        )
         first = None
         for name, options in ways.items():
             out = f"{folder}/{name}"
             truth = ["--truth", f"{folder}/truth.npz"]
-            seconds, memory = _run("evsdr.fit", [file, f"{folder}/events.h5", "--out", out, *truth, *define, *options])
+            seconds, memory = _run(
+                "evsdr.fit", [file, f"{folder}/events.h5", "--out", out, *truth, *define, *options]
+            )
             summary = json.loads(Path(out, "summary.json").read_text())
             first = first or seconds
             table.add_row(

@@ -29,6 +29,8 @@ class Leds:
         Quadrature of each band's D E: wavelengths [nm] and weights of sum 1.
     band_wavelength_nm : (n_band,) float
         Centroid of each band [nm].
+    band_spectrum : (n_band, n_wavelength) float
+        D E of each band's first LED over `spectral.WAVELENGTH_NM`.
     """
 
     emitter: list
@@ -39,6 +41,7 @@ class Leds:
     node_nm: np.ndarray
     weight: np.ndarray
     band_wavelength_nm: np.ndarray
+    band_spectrum: np.ndarray
 
     @property
     def n_led(self) -> int:
@@ -100,6 +103,7 @@ def find_leds(scene: mi.Scene, response: mi.Texture | None = None) -> Leds:
         node_nm=np.array([node for node, _ in quadrature]),
         weight=np.array([weight for _, weight in quadrature]),
         band_wavelength_nm=spectral.integrate(seen[first] * spectral.WAVELENGTH_NM) / power[first],
+        band_spectrum=seen[first],
     )
 
 
@@ -119,7 +123,9 @@ def _packets() -> mi.Spectrum:
 
 def _unpack(value: mi.Spectrum) -> np.ndarray:
     n_packet = -(-len(spectral.WAVELENGTH_NM) // 4)  # a flat spectrum comes as a single packet
-    return np.broadcast_to(np.array(value, dtype=float).T, (n_packet, 4)).ravel()[: len(spectral.WAVELENGTH_NM)]
+    return np.broadcast_to(np.array(value, dtype=float).T, (n_packet, 4)).ravel()[
+        : len(spectral.WAVELENGTH_NM)
+    ]
 
 
 def _spectrum(scene: mi.Scene, emitter: mi.Emitter) -> np.ndarray:

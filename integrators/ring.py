@@ -29,8 +29,8 @@ visibility, direction and distance of the LEDs, and is traced once:
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-
 from evsdr.integrators.leds import Leds, find_leds
+
 from evsdr.shading import Illumination, led_signals
 
 

@@ -10,7 +10,6 @@ from textwrap import indent
 
 import colour
 import numpy as np
-
 from evsdr.scenes.formats import HERE, Mesh, spectrum_xml, write_ply
 
 WAVELENGTH_NM = np.arange(360.0, 831.0, 10.0)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-
 from evsdr.scenes.formats import HERE, Mesh, write_ply
 
 RELIEF_HALF_WIDTH = 1.2  # a little more than the film's

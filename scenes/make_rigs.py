@@ -4,7 +4,6 @@ from pathlib import Path
 from textwrap import indent
 
 import numpy as np
-
 from evsdr.scenes.formats import HERE, spectrum_xml
 
 N_LED = 24

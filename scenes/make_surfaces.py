@@ -9,9 +9,8 @@ from textwrap import indent
 
 import numpy as np
 import png
-from scipy.special import expit, ndtr
-
 from evsdr.scenes.formats import HERE, spectrum_xml
+from scipy.special import expit, ndtr
 
 WAVELENGTH_NM = np.arange(360.0, 831.0, 10.0)
 N_WEIGHT = 7

@@ -25,7 +25,9 @@ def run_fit(scene, folder, name, *options):
     out = folder / name
     truth = ["--truth", str(folder / "truth.npz")]
     events = str(folder / "events.h5")
-    assert fit.main([f"scenes/{scene}.xml", events, "--out", str(out), "-D", "size=64", *truth, *options]) == 0
+    assert (
+        fit.main([f"scenes/{scene}.xml", events, "--out", str(out), "-D", "size=64", *truth, *options]) == 0
+    )
     return json.loads((out / "summary.json").read_text()), np.load(out / "maps.npz")
 
 
@@ -71,18 +73,31 @@ def test_light_computed_without_mitsuba(folder):
     """Recordings of an analytic sphere, made by NumPy alone, give the same accuracy: no inverse crime."""
     normal, mask = sphere_normals(64)
     spectrum = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
-    signal = np.where(mask, lambert_signals(normal, np.broadcast_to(spectrum, (64, 64, 8)), ring_directions()), 0)
+    signal = np.where(
+        mask, lambert_signals(normal, np.broadcast_to(spectrum, (64, 64, 8)), ring_directions()), 0
+    )
     schedule = Schedule(np.arange(24), 20_000.0, 1.0)
-    pixel = EventPixel(spread_on=0.0, spread_off=0.0, event_noise=0.1, cutoff_hz=0.0, photon_rate_per_us=0.0,
-                       leak_hz=0.0, hot_fraction=0.0)
+    pixel = EventPixel(
+        spread_on=0.0,
+        spread_off=0.0,
+        event_noise=0.1,
+        cutoff_hz=0.0,
+        photon_rate_per_us=0.0,
+        leak_hz=0.0,
+        hot_fraction=0.0,
+    )
     events, _, _, starts = simulate_events(signal, 0.05, schedule, 6, pixel, seed=1)
     sensor = Sensor(64, 64, pixel.contrast_threshold_on, pixel.contrast_threshold_off, pixel.refractory_us)
     analytic = folder / "analytic"
     analytic.mkdir()
     write_recording(analytic / "events.h5", Recording(events, sensor, schedule, starts))
     reflectance = np.broadcast_to(spectrum, (64, 64, 8))
-    np.savez(analytic / "truth.npz", normal=np.where(mask[..., None], normal, [0, 0, 1]),
-             reflectance=reflectance, mask=mask)
+    np.savez(
+        analytic / "truth.npz",
+        normal=np.where(mask[..., None], normal, [0, 0, 1]),
+        reflectance=reflectance,
+        mask=mask,
+    )
     summary, _ = run_fit("sphere", analytic, "fit")
     assert summary["mae_deg"] <= 1.5
     assert summary["rmse"] <= 0.05
@@ -98,3 +113,17 @@ def test_the_published_decoder_runs_to_its_end(folder):
     summary = json.loads((folder / "adam" / "summary.json").read_text())
     assert summary["numbers"]["steps"] == 1600
     assert summary["mae_deg"] < 10
+
+
+def test_true_reflectance_is_the_integral_of_the_measured_spectra():
+    """24 patches against brute force over a fine grid, closer than the renderer's four nodes come."""
+    from evsdr import scene, spectral
+    from evsdr.scenes.make_colorchecker import WAVELENGTH_NM, patch_spectra
+
+    ring = scene.load_scene("scenes/colorchecker.xml", {"size": "96"})
+    reflectance = scene.surface_maps(ring, 1).reflectance
+    spectrum = ring.leds.band_spectrum
+    for patch in patch_spectra():
+        fine = np.interp(spectral.WAVELENGTH_NM, WAVELENGTH_NM, patch)
+        band = spectral.integrate(fine * spectrum) / spectral.integrate(spectrum)
+        assert np.abs(reflectance - band).max(axis=-1).min() < 1e-3

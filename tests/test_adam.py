@@ -38,7 +38,9 @@ def test_blur_is_a_masked_gaussian(rng):
     values = rng.normal(size=mask.sum()).astype(np.float32)
     settings = adam.AdamSettings(blur_size=5, blur_sigma=1.5)
     place = mi.UInt32(np.flatnonzero(mask).astype(np.uint32))
-    constant, blurred = adam.blur([dr.full(mi.Float, 3.0, mask.sum()), mi.Float(values)], place, mask.shape, settings)
+    constant, blurred = adam.blur(
+        [dr.full(mi.Float, 3.0, mask.sum()), mi.Float(values)], place, mask.shape, settings
+    )
     np.testing.assert_allclose(constant.numpy(), 3.0, rtol=1e-5)
     rows, columns = np.nonzero(mask)
     i = len(rows) // 2

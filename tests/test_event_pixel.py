@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
+import event_reference
 import numba
 import numpy as np
 import pytest
 
-import event_reference
 from evsdr import event_pixel
 from evsdr.errors import InputError
 from evsdr.event_pixel import EventPixel, draw_pattern, find_crossings, simulate_events

@@ -19,15 +19,37 @@ SPECTRUM = np.array([0.1, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.6])
 def sphere_problem(size: int, event_noise: float, seed: int = 0, threshold: float = 0.2):
     """A sphere simulated without Mitsuba, and the solver's view of it."""
     normal, mask = sphere_normals(size)
-    signal = np.where(mask, lambert_signals(normal, np.broadcast_to(SPECTRUM, (size, size, 8)), ring_directions()), 0)
-    pixel = EventPixel(threshold, threshold, **(dict.fromkeys(
-        ("spread_on", "spread_off", "cutoff_hz", "photon_rate_per_us", "leak_hz", "hot_fraction", "hot_hz"), 0.0
-    ) | {"event_noise": event_noise}))
+    signal = np.where(
+        mask, lambert_signals(normal, np.broadcast_to(SPECTRUM, (size, size, 8)), ring_directions()), 0
+    )
+    pixel = EventPixel(
+        threshold,
+        threshold,
+        **(
+            dict.fromkeys(
+                (
+                    "spread_on",
+                    "spread_off",
+                    "cutoff_hz",
+                    "photon_rate_per_us",
+                    "leak_hz",
+                    "hot_fraction",
+                    "hot_hz",
+                ),
+                0.0,
+            )
+            | {"event_noise": event_noise}
+        ),
+    )
     schedule = Schedule(np.arange(24), 10_000.0, 1.0)
     events, _, _, starts = simulate_events(signal, C_W, schedule, 6, pixel, seed=seed)
-    recording = Recording(events, Sensor(size, size, threshold, threshold, pixel.refractory_us), schedule, starts)
+    recording = Recording(
+        events, Sensor(size, size, threshold, threshold, pixel.refractory_us), schedule, starts
+    )
     light = Illumination(
-        [mi.Vector3f(*d) for d in ring_directions().tolist()], [mi.Float(1.0)] * 24, [j % 8 for j in range(24)],
+        [mi.Vector3f(*d) for d in ring_directions().tolist()],
+        [mi.Float(1.0)] * 24,
+        [j % 8 for j in range(24)],
         mi.Float(C_W),
     )
     return make_problem(recording, pair_events(recording, mask), light, mask), normal[mask]
@@ -37,7 +59,9 @@ def solve(problem, effort=lm.Effort(), start=None):
     n = problem.n_pixel
     start = start or to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25))
     light = problem.illumination
-    return lm.solve(LambertianRing(light), problem.pairs, light.constant_light, start, problem.neighbour, effort)
+    return lm.solve(
+        LambertianRing(light), problem.pairs, light.constant_light, start, problem.neighbour, effort
+    )
 
 
 def errors(solution, truth):
@@ -79,7 +103,9 @@ def test_noise_is_measured_and_sigma_is_honest():
     sigma = normal_sigma_deg(*solution.theta[:, :2].T.astype(float), solution.covariance[:, :2, :2])
     inner = truth[:, 2] > 0.4
     assert np.sqrt(np.mean((angle / sigma)[inner] ** 2)) == pytest.approx(1.0, abs=0.15)
-    spread = np.sqrt(np.diagonal(solution.covariance, axis1=1, axis2=2)[:, 2:]) * np.exp(solution.theta[:, 2:])
+    spread = np.sqrt(np.diagonal(solution.covariance, axis1=1, axis2=2)[:, 2:]) * np.exp(
+        solution.theta[:, 2:]
+    )
     assert np.sqrt(np.mean((difference / spread)[inner] ** 2)) == pytest.approx(1.0, abs=0.2)
 
 
@@ -102,7 +128,9 @@ def test_the_hard_horizon_alone_gets_stuck_and_other_starts_free_it():
 
 @pytest.mark.parametrize("azimuth", [0.0, np.pi / 2, np.pi])
 def test_tilt_turns_a_frontal_normal_by_its_angle(azimuth):
-    p, q, log_reflectance = (t.numpy()[0] for t in lm.tilt([mi.Float(0), mi.Float(0), mi.Float(0.5)], azimuth))
+    p, q, log_reflectance = (
+        t.numpy()[0] for t in lm.tilt([mi.Float(0), mi.Float(0), mi.Float(0.5)], azimuth)
+    )
     turned = np.array([-p, -q, 1]) / np.linalg.norm([-p, -q, 1])
     tilt = np.radians(lm.TILT_DEG)
     expected = [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]

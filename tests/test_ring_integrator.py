@@ -4,7 +4,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-
 from evsdr.experiments.gradients import compare
 from evsdr.integrators.leds import emitter_id
 from evsdr.integrators.ring import RingIntegrator, camera_frame

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from event_reference import led_weights
+
 from evsdr.errors import InputWarning
 from evsdr.records import Schedule
 from evsdr.ring_light import phase, weights

@@ -8,7 +8,6 @@ import numpy as np
 import png
 import pytest
 import trimesh
-
 from evsdr.scenes import make_colorchecker, make_meshes, make_rigs, make_surfaces
 
 SCENES = Path(make_rigs.__file__).resolve().parent
@@ -25,7 +24,7 @@ def plain(tmp_path_factory):
 
     folder = tmp_path_factory.mktemp("plain")
     shutil.copytree(SCENES, folder, ignore=shutil.ignore_patterns("*.py", "__pycache__"), dirs_exist_ok=True)
-    ring = re.compile('<integrator type="ring">.*?</integrator>', re.S)
+    ring = re.compile('<integrator type="ring">.*?</integrator>', re.DOTALL)
     for name in NAMES:
         text = (folder / f"{name}.xml").read_text()
         text, n = ring.subn('<integrator type="direct"/>', text)

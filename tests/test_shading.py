@@ -28,7 +28,7 @@ def test_soft_horizon_is_positive_and_becomes_hard():
 @pytest.mark.parametrize("softness", [0.02, 0.3])
 def test_soft_horizon_derivative_is_that_of_finite_differences(softness):
     x, h = np.linspace(-1, 1, 41), 1e-3
-    f = lambda x: 0.5 * (x + np.sqrt(x**2 + softness**2))  # noqa: E731
+    f = lambda x: 0.5 * (x + np.sqrt(x**2 + softness**2))
     numeric = (f(x + h) - f(x - h)) / (2 * h)
     np.testing.assert_allclose(soft_max0_derivative(mi.Float(x), softness).numpy(), numeric, atol=2e-3)
 
@@ -39,7 +39,9 @@ def test_signals_are_those_of_numpy(surface):
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     expected = lambert_signals(normal, reflectance, ring_directions())
     bands = [mi.Float(r) for r in reflectance.T.copy()]
-    hard = led_signals(make_ring(), mi.Vector3f(*(mi.Float(c) for c in normal.T.astype(np.float32).copy())), bands)
+    hard = led_signals(
+        make_ring(), mi.Vector3f(*(mi.Float(c) for c in normal.T.astype(np.float32).copy())), bands
+    )
     soft, _, _ = LambertianRing(make_ring())(mi.Float(p), mi.Float(q), bands, mi.Float(1e-4))
     np.testing.assert_allclose(np.array([s.numpy() for s in hard]), expected, atol=1e-6)
     np.testing.assert_allclose(np.array([s.numpy() for s in soft]), expected, atol=1e-4)
