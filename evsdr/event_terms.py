@@ -5,7 +5,12 @@ reference memorised at the end of the refractory period). Its residual is relati
 
     u = p_k f / C - 1,    f = log I(end) - log I(start),
 
-because an absolute one vanishes together with the contrast. Nothing here knows Mitsuba.
+because an absolute one vanishes together with the contrast.
+
+Silence speaks too: where no event has fired since the reference was memorised, log I has changed by less than
+the threshold. While LEDs fade linearly the light is extreme at the starts of slots, so those are the probes.
+
+Nothing here knows Mitsuba.
 """
 
 import sys
@@ -13,6 +18,8 @@ from dataclasses import dataclass
 
 import drjit as dr
 import numpy as np
+
+SILENT_MARGIN = 1.5  # standard deviations of the threshold that silence leaves open
 
 
 @dataclass(frozen=True)
@@ -31,6 +38,10 @@ class PairData:
     slot_leds : UInt32, (n_slot + 1)
         LED of each slot, plus 65536 times that of the next; LED n_led is darkness. The first slot stands
         again at the end, for phases that round up.
+    silent_offset : UInt32, (n_pixel + 1), optional
+        Silent probes of pixel i are silent_offset[i] .. silent_offset[i+1].
+    silent_phases : Float, (n_probe * 2), optional
+        For each probe the phase at which the reference was memorised and 1 + that of the probe.
     """
 
     offset: object
@@ -38,6 +49,8 @@ class PairData:
     threshold_on: object
     threshold_off: object
     slot_leds: object
+    silent_offset: object = None
+    silent_phases: object = None
 
 
 def pack_phases(start: np.ndarray, end: np.ndarray, polarity: np.ndarray) -> np.ndarray:
@@ -52,10 +65,10 @@ def pack_slots(order: np.ndarray, n_led: int) -> np.ndarray:
     return np.append(leds, leds[0])
 
 
-def unpack_pair(pairs: PairData, k, active):
+def unpack_pair(phases, k, active):
     """Fetch phase at start, phase at end and polarity of pair k."""
-    Float = type(pairs.phases)
-    start, coded = dr.gather(_array(Float, 2), pairs.phases, k, active)
+    Float = type(phases)
+    start, coded = dr.gather(_array(Float, 2), phases, k, active)
     return start, dr.abs(coded) - 1.0, dr.select(coded > 0, Float(1.0), Float(-1.0))
 
 
@@ -85,7 +98,7 @@ def signal_table(signal: list, n_pixel: int):
 def ends(table, pairs: PairData, k, pixel, n_pixel, active):
     """Look up the values of a `signal_table` at start and end of pair k, and the pair's polarity."""
     Float = type(pairs.phases)
-    *phases, polarity = unpack_pair(pairs, k, active)
+    *phases, polarity = unpack_pair(pairs.phases, k, active)
     values = [
         sum(
             share * dr.gather(Float, table, led * n_pixel + pixel, active)
@@ -155,19 +168,47 @@ def normal_equations(table, pairs: PairData, constant_light, n_pixel, n_band: in
     matrix : list of Float, ((2 + n_band)(3 + n_band) / 2)
         Lower triangle, row after row.
     """
-    Float, UInt32 = type(pairs.phases), type(pairs.offset)
+
+    def event(change, polarity):
+        threshold = dr.select(polarity > 0, pairs.threshold_on, pairs.threshold_off)
+        return polarity * change / threshold - 1.0, polarity / threshold
+
+    lists = pairs.offset, pairs.phases
+    return _sum_terms(table, pairs, *lists, event, constant_light, n_pixel, n_band, scale, robust)
+
+
+def silence_equations(table, pairs: PairData, constant_light, n_pixel, n_band: int, scale, robust):
+    """Sum cost, gradient and matrix over the silent probes, as `normal_equations` does over the events.
+
+    The residual is what the change exceeds the threshold by, beyond `SILENT_MARGIN` standard deviations of
+    the threshold's own noise; 0 below.
+    """
+
+    def excess(change, _):
+        over = change > 0
+        threshold = dr.select(over, pairs.threshold_on, -pairs.threshold_off)
+        beyond = change / threshold - 1.0 - SILENT_MARGIN * scale
+        return dr.maximum(beyond, 0.0), dr.select(beyond > 0, dr.rcp(threshold), 0.0)
+
+    lists = pairs.silent_offset, pairs.silent_phases
+    return _sum_terms(table, pairs, *lists, excess, constant_light, n_pixel, n_band, scale, robust)
+
+
+def _sum_terms(table, pairs, offset, phases, residual, constant_light, n_pixel, n_band, scale, robust):
+    """Sum over one list of phase pairs; `residual(change of log I, polarity)` gives u and du/d(change)."""
+    Float, UInt32 = type(phases), type(offset)
     Array4f = _array(Float, 4)
     n = 2 + n_band
     pixel = dr.arange(UInt32, dr.width(pairs.threshold_on))
-    first = dr.gather(UInt32, pairs.offset, pixel)
-    last = dr.gather(UInt32, pairs.offset, pixel + 1)
+    first = dr.gather(UInt32, offset, pixel)
+    last = dr.gather(UInt32, offset, pixel + 1)
 
     def body(k, cost, *sums):
         active = k < last
-        *phases, polarity = unpack_pair(pairs, k, active)
+        *ends_of_pair, polarity = unpack_pair(phases, k, active)
         jacobian = [Float(0.0) for _ in range(n)]
         intensity = []
-        for sign, phase in zip((-1.0, 1.0), phases):
+        for sign, phase in zip((-1.0, 1.0), ends_of_pair):
             lit = [
                 (share, dr.gather(Array4f, table, led * n_pixel + pixel, active))
                 for led, share in _lit(pairs, phase, active)
@@ -180,18 +221,17 @@ def normal_equations(table, pairs: PairData, constant_light, n_pixel, n_band: in
                 jacobian[1] += part * by_q
                 for b in range(n_band):
                     jacobian[2 + b] += dr.select(band == b, part * signal, 0.0)
-        threshold = dr.select(polarity > 0, pairs.threshold_on, pairs.threshold_off)
-        to_relative = polarity / (threshold * scale)
-        r = to_relative * dr.log(intensity[1] / intensity[0]) - dr.rcp(scale)
+        u, gain = residual(dr.log(intensity[1] / intensity[0]), polarity)
+        r, gain = u / scale, gain / scale
         excess = dr.square(r / robust)
         weight = dr.rcp(1.0 + excess)
         cost += 0.5 * dr.square(robust) * dr.log(1.0 + excess)
-        jacobian = [to_relative * j for j in jacobian]
+        jacobian = [gain * j for j in jacobian]
         weighted = [weight * j for j in jacobian]
         terms = [w * r for w in weighted]
         terms += [weighted[i] * jacobian[j] for i in range(n) for j in range(i + 1)]
         return (k + 1, cost, *(s + t for s, t in zip(sums, terms)))
 
     zero = [dr.zeros(Float, dr.width(pixel)) for _ in range(1 + n + n * (n + 1) // 2)]
-    state = dr.while_loop((first, *zero), lambda k, *_: k < last, body, label="event pairs")
+    state = dr.while_loop((first, *zero), lambda k, *_: k < last, body, label="event terms")
     return state[1], list(state[2 : 2 + n]), list(state[2 + n :])

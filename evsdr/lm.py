@@ -11,7 +11,14 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-from evsdr.event_terms import PairData, derivative_table, normal_equations, relative_residual, signal_table
+from evsdr.event_terms import (
+    PairData,
+    derivative_table,
+    normal_equations,
+    relative_residual,
+    signal_table,
+    silence_equations,
+)
 from evsdr.frozen import no_garbage_collection
 
 SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
@@ -40,6 +47,8 @@ class Effort:
         Steps at the end.
     robust : float
         Width of the Cauchy cost in standard deviations.
+    silence : bool
+        Whether the last steps also use that no event fired.
     """
 
     stages: tuple = ((0.3, 0.5, 8), (0.1, None, 5), (0.03, None, 4), (0.01, None, 4))
@@ -47,6 +56,7 @@ class Effort:
     n_try: int = 3
     n_final: int = 6
     robust: float = 3.0
+    silence: bool = True
 
 
 PRESETS = {
@@ -166,14 +176,18 @@ def solve(
 
     freeze = dr.freeze(state_fn=lambda *_: (model, pairs, constant_light, n_pixel))
 
-    def evaluate(theta, softness, noise):
+    def evaluate(theta, softness, noise, silence):
         """Cost, gradient and matrix, prior included."""
         reflectance = [dr.exp(t) for t in theta[2:]]
         signals = model(theta[0], theta[1], reflectance, softness)
         table = derivative_table(*signals, model.illumination.band, dr.width(theta[0]))
-        cost, gradient, matrix = normal_equations(
-            table, pairs, constant_light, n_pixel, n_unknown - 2, noise, effort.robust
-        )
+        given = table, pairs, constant_light, n_pixel, n_unknown - 2, noise, effort.robust
+        cost, gradient, matrix = normal_equations(*given)
+        if silence:
+            silent_cost, silent_gradient, silent_matrix = silence_equations(*given)
+            cost += silent_cost
+            gradient = [a + b for a, b in zip(gradient, silent_gradient)]
+            matrix = [a + b for a, b in zip(matrix, silent_matrix)]
         for i, (t, centre, sigma) in enumerate(zip(theta, prior_centre, prior_sigma)):
             z = (t - centre) / sigma
             cost += 0.5 * dr.square(z)
@@ -182,11 +196,11 @@ def solve(
         return [cost, *gradient, *matrix]
 
     @freeze
-    def begin(theta, softness, noise):
-        return evaluate(theta, softness, noise)
+    def begin(theta, softness, noise, silence):
+        return evaluate(theta, softness, noise, silence)
 
     @freeze
-    def step(theta, terms, damping, softness, noise):
+    def step(theta, terms, damping, softness, noise, silence):
         """One Levenberg-Marquardt step; each pixel keeps what lowers its own cost."""
         gradient, matrix = terms[1 : 1 + n_unknown], terms[1 + n_unknown :]
         move = solve_ldl(matrix, [-g for g in gradient], damping)
@@ -196,7 +210,7 @@ def solve(
             low, high = (-LARGEST_SLOPE, LARGEST_SLOPE) if i < 2 else LOG_REFLECTANCE_RANGE
             trial.append(dr.clip(t + dr.clip(m, -limit, limit), low, high))
         dr.eval(trial)
-        new_terms = evaluate(trial, softness, noise)
+        new_terms = evaluate(trial, softness, noise, silence)
         better = new_terms[0] < terms[0]
         theta = [dr.select(better, new, old) for new, old in zip(trial, theta)]
         terms = [dr.select(better, new, old) for new, old in zip(new_terms, terms)]
@@ -230,14 +244,14 @@ def solve(
 
     n_step = 0
 
-    def descend(theta, softness, noise, count, stage=None, terms=None):
+    def descend(theta, softness, noise, count, stage=None, silence=False):
         nonlocal n_step
         softness, noise = dr.opaque(Float, softness), dr.opaque(Float, noise)
-        terms = begin(theta, softness, noise) if terms is None else terms
+        terms = begin(theta, softness, noise, silence)
         damping = dr.full(Float, 1e-2, dr.width(theta[0]))
         dr.make_opaque(damping)
         for i in range(count):
-            theta, terms, damping = step(theta, terms, damping, softness, noise)
+            theta, terms, damping = step(theta, terms, damping, softness, noise, silence)
             dr.eval(theta, terms, damping)
             dr.sync_thread()  # so that Ctrl-C is heard and progress is true
             n_step += 1
@@ -268,9 +282,9 @@ def solve(
             theta, terms = offer(theta, terms, tilt(theta, i * np.pi / 2), HARD, noise)
             progress("starts", (sweep * len(neighbour) + i + 1) / (effort.n_sweep * len(neighbour)))
     noise = measure_noise(theta, HARD)
-    theta, terms = descend(theta, HARD, noise, effort.n_final, "refinement")
+    theta, terms = descend(theta, HARD, noise, effort.n_final, "refinement", effort.silence)
     noise = measure_noise(theta, HARD)
-    terms = begin(theta, dr.opaque(Float, HARD), dr.opaque(Float, noise))
+    terms = begin(theta, dr.opaque(Float, HARD), dr.opaque(Float, noise), effort.silence)
     matrix = np.stack([t.numpy() for t in terms[1 + n_unknown :]], axis=-1).astype(float)
     return Solution(
         theta=np.stack([t.numpy() for t in theta], axis=-1),

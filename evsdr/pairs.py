@@ -31,6 +31,11 @@ class Pairs:
         Events looked at.
     n_dropped : int
         Pairs left out: not within the rounds, or closer than the refractory period.
+    silent_offset : (n_pixel + 1,) uint32
+        Silent probes of pixel i are silent_offset[i] .. silent_offset[i+1].
+    silent_start, silent_probe : (n_probe,) float32
+        Phase at which the reference was memorised, and the start of a later slot until which no event has
+        fired. A silence longer than a round is probed for one round.
     """
 
     offset: np.ndarray
@@ -39,6 +44,9 @@ class Pairs:
     polarity: np.ndarray
     n_event: int
     n_dropped: int
+    silent_offset: np.ndarray
+    silent_start: np.ndarray
+    silent_probe: np.ndarray
 
 
 def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
@@ -96,6 +104,7 @@ def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
         )
     n_pixel = sensor.height * sensor.width
     count = np.bincount(pixel[second], minlength=n_pixel)
+    silent = _silence(recording, pixel, t)
     return Pairs(
         offset=np.concatenate([[0], np.cumsum(count)]).astype(np.uint32),
         phase_start=phase_start[good],
@@ -103,6 +112,40 @@ def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
         polarity=(2 * p[second] - 1).astype(np.int8),
         n_event=len(t),
         n_dropped=len(good) - len(second),
+        silent_offset=silent[0],
+        silent_start=silent[1],
+        silent_probe=silent[2],
+    )
+
+
+def _silence(recording: Recording, pixel: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, ...]:
+    """List the slot starts between each event and the next of its pixel, or the end of the recording.
+
+    Parameters
+    ----------
+    pixel, t : (n_event,) int
+        Events sorted by pixel, then time.
+    """
+    schedule, starts = recording.schedule, recording.round_start_us
+    n_slot, sensor = len(schedule.order), recording.sensor
+    begin = t + sensor.refractory_us
+    end = np.full(len(t), starts[-1] - 1e-3 if len(starts) > 1 else t.max(), float)
+    same = np.flatnonzero(pixel[1:] == pixel[:-1])
+    end[same] = t[same + 1]
+    phase_begin, begin_inside = _single_phase(begin, recording)
+    phase_end, end_inside = _single_phase(end, recording)
+    first = phase_begin.astype(np.int64)
+    crossed = (phase_end.astype(np.int64) - first) % n_slot
+    rounds = np.rint(((end - begin) / schedule.slot_us - crossed) / n_slot)
+    crossed = np.minimum(crossed + n_slot * np.maximum(rounds, 0).astype(np.int64), n_slot)
+    crossed[~(begin_inside & end_inside & (end > begin))] = 0
+    which = np.repeat(np.arange(len(t)), crossed)
+    step = np.arange(len(which)) - np.repeat(np.cumsum(crossed) - crossed, crossed) + 1
+    count = np.bincount(pixel, weights=crossed, minlength=sensor.height * sensor.width)
+    return (
+        np.concatenate([[0], np.cumsum(count)]).astype(np.uint32),
+        phase_begin[which],
+        ((first[which] + step) % n_slot).astype(np.float32),
     )
 
 

@@ -55,9 +55,9 @@ def make_problem(recording: Recording, pairs: Pairs, light: Illumination, mask: 
         Pixels to solve.
     """
     pixel = np.flatnonzero(mask)
-    count = np.diff(pairs.offset)[pixel]
-    chosen = np.repeat(mask.ravel(), np.diff(pairs.offset))
-    offset = np.concatenate([[0], np.cumsum(count)])
+    offset, chosen = _of_list(pairs.offset, mask)
+    silent_offset, silent = _of_list(pairs.silent_offset, mask)
+    no_polarity = np.ones(np.count_nonzero(silent), np.int8)
 
     def threshold(value):
         return mi.Float(np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
@@ -66,17 +66,28 @@ def make_problem(recording: Recording, pairs: Pairs, light: Illumination, mask: 
     return Problem(
         pixel=pixel,
         pairs=PairData(
-            offset=mi.UInt32(offset.astype(np.uint32)),
+            offset=offset,
             phases=mi.Float(
                 pack_phases(pairs.phase_start[chosen], pairs.phase_end[chosen], pairs.polarity[chosen])
             ),
             threshold_on=threshold(sensor.contrast_threshold_on),
             threshold_off=threshold(sensor.contrast_threshold_off),
             slot_leds=mi.UInt32(pack_slots(recording.schedule.order, light.n_led)),
+            silent_offset=silent_offset,
+            silent_phases=mi.Float(
+                pack_phases(pairs.silent_start[silent], pairs.silent_probe[silent], no_polarity)
+            ),
         ),
         illumination=_of_pixels(light, mi.UInt32(pixel.astype(np.uint32))),
         neighbour=neighbours(mask),
     )
+
+
+def _of_list(offset: np.ndarray, mask: np.ndarray) -> tuple[mi.UInt32, np.ndarray]:
+    """Give the offsets of a list that keeps the masked pixels only, and which entries it keeps."""
+    count = np.diff(offset)
+    kept = np.concatenate([[0], np.cumsum(count[mask.ravel()])])
+    return mi.UInt32(kept.astype(np.uint32)), np.repeat(mask.ravel(), count)
 
 
 def neighbours(mask: np.ndarray) -> list[mi.UInt32]:

@@ -126,4 +126,4 @@ def test_true_reflectance_is_the_integral_of_the_measured_spectra():
     for patch in patch_spectra():
         fine = np.interp(spectral.WAVELENGTH_NM, WAVELENGTH_NM, patch)
         band = spectral.integrate(fine * spectrum) / spectral.integrate(spectrum)
-        assert np.abs(reflectance - band).max(axis=-1).min() < 1e-3
+        assert np.abs(reflectance - band).max(axis=-1).min() < 2e-3

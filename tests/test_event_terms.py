@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -10,7 +12,9 @@ from evsdr.event_terms import (
     pack_phases,
     pack_slots,
     relative_residual,
+    SILENT_MARGIN,
     signal_table,
+    silence_equations,
     unpack_pair,
 )
 
@@ -91,6 +95,32 @@ def test_normal_equations_are_those_of_a_plain_loop(scene):
         np.testing.assert_allclose([m.numpy()[i] for m in matrix], triangle, rtol=1e-3, atol=1e-3)
 
 
+def test_silence_costs_what_exceeds_the_thresholds(scene):
+    """The same lists as silent probes, against a plain loop: no cost within the margin, Cauchy's beyond."""
+    signal, by_p, by_q, offset, start, end, _, on, off, pairs = scene
+    silent = pack_phases(start, end, np.ones(len(start)))
+    pairs = replace(pairs, silent_offset=pairs.offset, silent_phases=mi.Float(silent))
+    rows = [[mi.Float(row) for row in table] for table in (signal, by_p, by_q)]
+    given = mi.Float(C_W), mi.UInt32(N_PIXEL), N_BAND, mi.Float(SCALE), mi.Float(ROBUST)
+    cost, gradient, _ = silence_equations(derivative_table(*rows, BAND, N_PIXEL), pairs, *given)
+    silent_scene = (*scene[:6], np.ones(len(start)), np.ones(N_PIXEL), np.ones(N_PIXEL), pairs)
+    n_beyond = 0
+    for i in range(N_PIXEL):
+        expected, expected_gradient = 0.0, np.zeros(2 + N_BAND)
+        for k in range(offset[i], offset[i + 1]):
+            change, jacobian = residual_and_jacobian(silent_scene, i, k)
+            change += 1
+            threshold = on[i] if change > 0 else -off[i]
+            r = (change / threshold - 1) / SCALE - SILENT_MARGIN
+            if r > 0:
+                n_beyond += 1
+                expected += 0.5 * ROBUST**2 * np.log(1 + (r / ROBUST) ** 2)
+                expected_gradient += r / (1 + (r / ROBUST) ** 2) * jacobian / threshold / SCALE
+        np.testing.assert_allclose(cost.numpy()[i], expected, rtol=1e-3, atol=1e-4)
+        np.testing.assert_allclose([g.numpy()[i] for g in gradient], expected_gradient, rtol=2e-3, atol=2e-3)
+    assert 10 < n_beyond < len(start)
+
+
 def test_residuals_are_those_of_a_plain_loop(scene):
     signal, *_, offset, _, _, _, on, off, pairs = (scene[0], *scene[3:])
     table = signal_table([mi.Float(row) for row in signal], N_PIXEL)
@@ -135,6 +165,6 @@ def test_packing_keeps_phases_and_polarity():
     start, end = np.array([0.0, 3.25, 7.5], np.float32), np.array([0.0, 0.5, 7.999], np.float32)
     polarity = np.array([1, -1, -1])
     pairs = PairData(None, mi.Float(pack_phases(start, end, polarity)), None, None, None)
-    got = unpack_pair(pairs, dr.arange(mi.UInt32, 3), mi.Bool(True))
+    got = unpack_pair(pairs.phases, dr.arange(mi.UInt32, 3), mi.Bool(True))
     for value, expected in zip(got, (start, end, polarity)):
         np.testing.assert_allclose(value.numpy(), expected, atol=2e-6)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -16,11 +18,11 @@ C_W = 0.05
 SPECTRUM = np.array([0.1, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.6])
 
 
-def sphere_problem(size: int, event_noise: float, seed: int = 0, threshold: float = 0.2):
+def sphere_problem(size: int, event_noise: float, seed: int = 0, threshold: float = 0.2, spectrum=SPECTRUM):
     """A sphere simulated without Mitsuba, and the solver's view of it."""
     normal, mask = sphere_normals(size)
     signal = np.where(
-        mask, lambert_signals(normal, np.broadcast_to(SPECTRUM, (size, size, 8)), ring_directions()), 0
+        mask, lambert_signals(normal, np.broadcast_to(spectrum, (size, size, 8)), ring_directions()), 0
     )
     pixel = EventPixel(
         threshold,
@@ -64,10 +66,10 @@ def solve(problem, effort=lm.Effort(), start=None):
     )
 
 
-def errors(solution, truth):
+def errors(solution, truth, spectrum=SPECTRUM):
     p, q = solution.theta[:, 0], solution.theta[:, 1]
     normal = np.column_stack([-p, -q, np.ones_like(p)])
-    return angular_error_deg(normal, truth), np.exp(solution.theta[:, 2:]) - SPECTRUM
+    return angular_error_deg(normal, truth), np.exp(solution.theta[:, 2:]) - spectrum
 
 
 def test_ldl_solves_damped_systems(rng):
@@ -116,6 +118,16 @@ def test_no_pixel_stays_where_a_better_start_exists():
     n = problem.n_pixel
     best = solve(problem, lm.Effort(stages=((lm.HARD, 0.1, 10),)), to_theta(truth, np.tile(SPECTRUM, (n, 1))))
     assert np.mean(reached.cost > best.cost + 1) < 0.005
+
+
+def test_silence_informs():
+    """LEDs that cause no event say so: dark bands are known far better."""
+    spectrum = np.array([0.03, 0.02, 0.04, 0.5, 0.03, 0.6, 0.03, 0.02])
+    problem, truth = sphere_problem(40, event_noise=0.1, threshold=0.4, spectrum=spectrum)
+    _, difference = errors(solve(problem), truth, spectrum)
+    _, deaf_difference = errors(solve(problem, replace(lm.Effort(), silence=False)), truth, spectrum)
+    dark = spectrum < 0.1
+    assert np.abs(difference[:, dark]).mean() < 0.7 * np.abs(deaf_difference[:, dark]).mean()
 
 
 def test_the_hard_horizon_alone_gets_stuck_and_other_starts_free_it():

@@ -153,3 +153,26 @@ def test_no_pair_is_refused(recording, masked):
     mask = np.zeros((HEIGHT, WIDTH), bool) if masked else None
     with pytest.raises(InputError, match="No two events of a pixel"):
         pair_events(recording, mask)
+
+
+def test_silence_is_probed_at_every_slot_start_between_events():
+    """By hand: reference memorised at 60, slots of 100 us, an event at 330, the end at 800 (two rounds)."""
+    pairs = pair_events(one_pixel([1, 0], [50, 330], rounds=[0, 400, 800]))
+    pixel = 2 * WIDTH + 3
+    begin, end = pairs.silent_offset[pixel], pairs.silent_offset[pixel + 1]
+    assert begin == 0
+    assert end == pairs.silent_offset[-1]
+    # from 60 to 330: slots 1, 2, 3; from 340 to the end: slot 0 of the second round and on
+    np.testing.assert_array_equal(pairs.silent_probe[begin:end], [1, 2, 3, 0, 1, 2, 3])
+    np.testing.assert_array_equal(pairs.silent_start[begin:end], [0, 0, 0, 3, 3, 3, 3])
+
+
+def test_a_silence_of_many_rounds_is_probed_for_one():
+    pairs = pair_events(one_pixel([1, 0], [50, 3330], rounds=[400 * r for r in range(11)]))
+    gap = pairs.silent_probe[: len(pairs.silent_probe) - 4]
+    np.testing.assert_array_equal(gap, [1, 2, 3, 0])
+
+
+def test_silence_outside_the_rounds_says_nothing():
+    pairs = pair_events(one_pixel([1, 1, 0, 1], [50, 350, 380, 900], rounds=[200, 600]))
+    np.testing.assert_array_equal(pairs.silent_start, [])
