@@ -3,17 +3,16 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 from scipy import ndimage
 
 from evsdr import adam, lm
-from evsdr.problem import Problem, make_problem
-from evsdr.records import Maps
+from evsdr.problem import Problem
+from evsdr.records import Maps, Recording
 from evsdr.scene import RingScene, surface_maps, trace_illumination
 from evsdr.shading import Illumination, LambertianRing
-
-__all__ = ["assemble_maps", "choose_light", "make_problem", "scale_note", "solve", "start_normals"]
 
 KNOWN_SIGMA_DEG = 30.0  # a normal known worse than this is not known
 DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
@@ -90,6 +89,7 @@ def solve(
     problem: Problem,
     start_normal: np.ndarray,
     options,
+    estimate_thresholds: bool = False,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> lm.Solution:
     """Run the solver that the options name.
@@ -100,6 +100,8 @@ def solve(
         Start values, camera frame.
     options : fit.Options
         `solver`, `preset`, `shadows` and `seed` count.
+    estimate_thresholds : bool
+        Whether each pixel's contrast thresholds are unknown, too.
     """
     light = problem.illumination
     normal = start_normal.reshape(-1, 3)[problem.pixel]
@@ -108,6 +110,7 @@ def solve(
         effort = replace(effort, robust=DOWNWEIGHT_ROBUST)
     reflectance = np.full((problem.n_pixel, light.n_band), lm.REFLECTANCE_CENTRE, np.float32)
     n_step = 0
+    unknown_gain = [dr.zeros(mi.Float, problem.n_pixel) for _ in range(2 if estimate_thresholds else 0)]
     if options.solver == "adam":
         settings = adam.AdamSettings()
         normal, reflectance = adam.solve(
@@ -126,7 +129,7 @@ def solve(
         LambertianRing(light),
         problem.pairs,
         light.constant_light,
-        to_theta(normal, reflectance),
+        to_theta(normal, reflectance) + unknown_gain,
         problem.neighbour,
         effort,
         progress,
@@ -196,6 +199,47 @@ def normal_sigma_deg(p: np.ndarray, q: np.ndarray, covariance: np.ndarray) -> np
     metric = np.stack([[1 + q**2, -p * q], [-p * q, 1 + p**2]]) / h2**2
     variance = np.einsum("ijn,nij->n", metric, covariance)
     return np.degrees(np.sqrt(np.maximum(variance, 0)))
+
+
+def choose_thresholds(asked: str, solver: str, recording: Recording, ring: RingScene) -> tuple[bool, str]:
+    """Decide whether contrast thresholds are estimated, and say why.
+
+    Parameters
+    ----------
+    asked : str
+        `known`, `estimate` or `auto`.
+    """
+    told = recording.sensor.contrast_threshold_on, recording.sensor.contrast_threshold_off
+    per_pixel = any(np.ndim(value) for value in told)
+    if asked == "known":
+        return False, "as told: asked for by --thresholds known"
+    if solver == "adam":
+        return False, "as told: the solver adam does not estimate them"
+    if ring.constant_light == 0:
+        return False, "as told: without constant light they can't be told from the contrast"
+    if asked == "estimate":
+        return True, "estimated per pixel: asked for by --thresholds estimate"
+    if per_pixel:
+        return False, "as told: the recording holds those of each pixel"
+    return True, "estimated per pixel: the recording tells one value for all"
+
+
+def sensor_summary(recording: Recording, solution: lm.Solution, known: np.ndarray) -> dict:
+    """Say which thresholds were found, how they scatter over the pixels, and how well one is known."""
+    if solution.threshold_gain is None or not known.any():
+        return {}
+    gain, sigma = solution.threshold_gain[known], solution.threshold_gain_sigma[known]
+    out = {}
+    for i, name in enumerate(("contrast_threshold_on", "contrast_threshold_off")):
+        told = float(np.mean(getattr(recording.sensor, name)))
+        spread = 1.4826 * np.median(np.abs(gain[:, i] - np.median(gain[:, i])))
+        out[name] = {
+            "told": told,
+            "found": told * float(np.median(gain[:, i])),
+            "spread_over_pixels": told * float(spread),
+            "sigma_of_a_pixel": told * float(np.median(gain[:, i] * sigma[:, i])),
+        }
+    return out
 
 
 def scale_note(ring: RingScene) -> str:

@@ -142,7 +142,9 @@ def derivative_table(signal: list, by_p: list, by_q: list, band: list, n_pixel: 
     return table
 
 
-def normal_equations(table, pairs: PairData, constant_light, n_pixel, n_band: int, scale, robust):
+def normal_equations(
+    table, pairs: PairData, constant_light, n_pixel, n_band: int, scale, robust, thresholds: bool = False
+):
     """Sum cost, gradient and Gauss-Newton matrix of each pixel over its pairs.
 
     The cost of a pair is Cauchy's, robust^2 / 2 log(1 + (r / robust)^2) for r = u / scale.
@@ -159,25 +161,33 @@ def normal_equations(table, pairs: PairData, constant_light, n_pixel, n_band: in
         Standard deviation of u.
     robust : Float
         Width of the Cauchy cost in standard deviations.
+    thresholds : bool
+        Whether the logarithms of C_on and C_off are unknowns too.
 
     Returns
     -------
     cost : Float, (n_pixel)
-    gradient : list of Float, (2 + n_band)
-        By p, q and the log reflectances.
-    matrix : list of Float, ((2 + n_band)(3 + n_band) / 2)
+    gradient : list of Float, (n)
+        By p, q, the log reflectances, and log C_on, log C_off if asked for.
+    matrix : list of Float, (n (n + 1) / 2)
         Lower triangle, row after row.
     """
 
     def event(change, polarity):
-        threshold = dr.select(polarity > 0, pairs.threshold_on, pairs.threshold_off)
-        return polarity * change / threshold - 1.0, polarity / threshold
+        on = polarity > 0
+        threshold = dr.select(on, pairs.threshold_on, pairs.threshold_off)
+        u = polarity * change / threshold - 1.0
+        more = [(-u - 1.0, on), (-u - 1.0, ~on)] if thresholds else []
+        return u, polarity / threshold, more
 
     lists = pairs.offset, pairs.phases
-    return _sum_terms(table, pairs, *lists, event, constant_light, n_pixel, n_band, scale, robust)
+    n_more = 2 if thresholds else 0
+    return _sum_terms(table, pairs, *lists, event, n_more, constant_light, n_pixel, n_band, scale, robust)
 
 
-def silence_equations(table, pairs: PairData, constant_light, n_pixel, n_band: int, scale, robust):
+def silence_equations(
+    table, pairs: PairData, constant_light, n_pixel, n_band: int, scale, robust, thresholds: bool = False
+):
     """Sum cost, gradient and matrix over the silent probes, as `normal_equations` does over the events.
 
     The residual is what the change exceeds the threshold by, beyond `SILENT_MARGIN` standard deviations of
@@ -188,17 +198,25 @@ def silence_equations(table, pairs: PairData, constant_light, n_pixel, n_band: i
         over = change > 0
         threshold = dr.select(over, pairs.threshold_on, -pairs.threshold_off)
         beyond = change / threshold - 1.0 - SILENT_MARGIN * scale
-        return dr.maximum(beyond, 0.0), dr.select(beyond > 0, dr.rcp(threshold), 0.0)
+        more = [(-change / threshold, (beyond > 0) & side) for side in (over, ~over)] if thresholds else []
+        return dr.maximum(beyond, 0.0), dr.select(beyond > 0, dr.rcp(threshold), 0.0), more
 
     lists = pairs.silent_offset, pairs.silent_phases
-    return _sum_terms(table, pairs, *lists, excess, constant_light, n_pixel, n_band, scale, robust)
+    n_more = 2 if thresholds else 0
+    return _sum_terms(table, pairs, *lists, excess, n_more, constant_light, n_pixel, n_band, scale, robust)
 
 
-def _sum_terms(table, pairs, offset, phases, residual, constant_light, n_pixel, n_band, scale, robust):
-    """Sum over one list of phase pairs; `residual(change of log I, polarity)` gives u and du/d(change)."""
+def _sum_terms(
+    table, pairs, offset, phases, residual, n_more, constant_light, n_pixel, n_band, scale, robust
+):
+    """Sum over one list of phase pairs.
+
+    `residual(change of log I, polarity)` gives u, du/d(change), and for each of `n_more` unknowns of its own the
+    derivative of u and where it counts.
+    """
     Float, UInt32 = type(phases), type(offset)
     Array4f = _array(Float, 4)
-    n = 2 + n_band
+    n = 2 + n_band + n_more
     pixel = dr.arange(UInt32, dr.width(pairs.threshold_on))
     first = dr.gather(UInt32, offset, pixel)
     last = dr.gather(UInt32, offset, pixel + 1)
@@ -206,7 +224,7 @@ def _sum_terms(table, pairs, offset, phases, residual, constant_light, n_pixel, 
     def body(k, cost, *sums):
         active = k < last
         *ends_of_pair, polarity = unpack_pair(phases, k, active)
-        jacobian = [Float(0.0) for _ in range(n)]
+        jacobian = [Float(0.0) for _ in range(2 + n_band)]
         intensity = []
         for sign, phase in zip((-1.0, 1.0), ends_of_pair):
             lit = [
@@ -221,12 +239,12 @@ def _sum_terms(table, pairs, offset, phases, residual, constant_light, n_pixel, 
                 jacobian[1] += part * by_q
                 for b in range(n_band):
                     jacobian[2 + b] += dr.select(band == b, part * signal, 0.0)
-        u, gain = residual(dr.log(intensity[1] / intensity[0]), polarity)
+        u, gain, more = residual(dr.log(intensity[1] / intensity[0]), polarity)
         r, gain = u / scale, gain / scale
         excess = dr.square(r / robust)
         weight = dr.rcp(1.0 + excess)
         cost += 0.5 * dr.square(robust) * dr.log(1.0 + excess)
-        jacobian = [gain * j for j in jacobian]
+        jacobian = [*(gain * j for j in jacobian), *(dr.select(where, by / scale, 0.0) for by, where in more)]
         weighted = [weight * j for j in jacobian]
         terms = [w * r for w in weighted]
         terms += [weighted[i] * jacobian[j] for i in range(n) for j in range(i + 1)]

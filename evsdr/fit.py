@@ -40,6 +40,9 @@ class Options:
     shadows: Literal["auto", "off", "scene", "estimate", "downweight"] = "auto"
     """Cast shadows: traced on the scene's geometry, left out, down-weighted as outliers, or decided from the
     scene."""
+    thresholds: Literal["auto", "known", "estimate"] = "auto"
+    """Contrast thresholds: as the recording tells, or estimated per pixel; auto estimates them where it tells
+    one value for all pixels."""
     init: Literal["frontal", "geometry"] = "frontal"
     """Start value of the normals."""
     mask: Path | None = None
@@ -56,6 +59,7 @@ class Options:
 
 SAMPLES = {"fast": 4, "balanced": 16, "accurate": 64}  # rays per pixel for visibility
 SHADOW_SHARE = 1e-3  # of (pixel, LED) that face each other, from which shadows are worth their rays
+WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
 MAX_BANDS = 40  # of the per-pixel systems
 THRESHOLDS = (1e-3, 10.0)  # of natural log intensity, outside of which no event pixel is
 MISFIT = 0.5  # relative threshold noise above which events and scene contradict each other
@@ -120,6 +124,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
         jit.start("cuda_ad_spectral" if options.device == "gpu" else "llvm_ad_spectral")
         from evsdr import decode
         from evsdr import scene as scenes
+        from evsdr.problem import make_problem
     with stages.stage("read events"):
         recording = read_recording(options.events)
     with stages.stage("load scene"):
@@ -154,9 +159,10 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
             pairs = pair_events(recording, mask)
         except InputError as error:
             raise InputError(f"{options.events}: {error}") from error
-        problem = decode.make_problem(recording, pairs, light, mask)
+        problem = make_problem(recording, pairs, light, mask)
+    estimate, thresholds = decode.choose_thresholds(options.thresholds, options.solver, recording, ring)
     with stages.stage("solve") as advance:
-        solution = decode.solve(problem, start_normal, options, advance)
+        solution = decode.solve(problem, start_normal, options, estimate, advance)
     maps = decode.assemble_maps(problem, solution, mask.shape, ring)
     if not maps.mask.any():
         warnings.warn(
@@ -171,6 +177,15 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
                 f"{solution.noise:.0%}; check order, slot_us, triggers, thresholds and constant_light."
             )
         )
+    sensor = decode.sensor_summary(recording, solution, maps.mask.ravel()[problem.pixel])
+    for name, values in sensor.items():
+        if solution.noise < MISFIT and abs(np.log(values["found"] / values["told"])) > WRONG_THRESHOLD:
+            warnings.warn(
+                InputWarning(
+                    f"{options.events}: {name} is told as {values['told']:.3g} but the events say "
+                    f"{values['found']:.3g}; the latter was used, check the camera's biases."
+                )
+            )
     summary = {
         "evsdr": __version__,
         "scene": str(options.scene),
@@ -187,6 +202,10 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
             ),
             "light paths": "direct light only",
             "gloss": "none; robust weights only",
+            "silence": "used: between events log I stays within the thresholds"
+            if options.solver == "lm"
+            else "not used: the solver adam looks at events only",
+            "contrast thresholds": thresholds,
             "scale": decode.scale_note(ring),
         },
         "numbers": {
@@ -197,6 +216,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
             "pixels_known": int(np.count_nonzero(maps.mask)),
             "steps": solution.n_step,
         },
+        "sensor": sensor,
         "residual": {"relative_threshold_noise": solution.noise},
     }
     if truth is not None:

@@ -6,7 +6,7 @@ here knows Mitsuba.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import numpy as np
@@ -24,6 +24,9 @@ from evsdr.frozen import no_garbage_collection
 SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
 REFLECTANCE_CENTRE, LOG_REFLECTANCE_SIGMA = 0.25, 2.0  # weak prior: 0.03 .. 2 within one sigma
 LARGEST_STEP = (1.0, 2.0)  # of a slope, of a log reflectance
+FIRST_THRESHOLD_SIGMA = (0.3, 0.3)  # of the log of unknown thresholds, before the pixels tell
+N_EXPECTATION = 8  # rounds of expectation maximisation
+SAMPLE = 4000  # pixels that stand for all in it
 HARD = 1e-3  # softness of a horizon that is hard for all purposes
 TILT_DEG = 12.0  # of the starts that a pixel tries around its own normal
 LARGEST_SLOPE, LOG_REFLECTANCE_RANGE = 30.0, (-9.0, 1.5)
@@ -82,6 +85,10 @@ class Solution:
         Standard deviation of the relative residual, measured.
     n_step : int
         Steps made.
+    threshold_gain : (n_pixel, 2) float32, optional
+        Estimated factors on the told C_on and C_off.
+    threshold_gain_sigma : (n_pixel, 2) float32, optional
+        One standard deviation of each, relative.
     """
 
     theta: np.ndarray
@@ -89,6 +96,8 @@ class Solution:
     cost: np.ndarray
     noise: float
     n_step: int
+    threshold_gain: np.ndarray | None = None
+    threshold_gain_sigma: np.ndarray | None = None
 
 
 def solve_ldl(matrix: list, right: list, damping) -> list:
@@ -155,8 +164,10 @@ def solve(
         Event pairs.
     constant_light : Float
         C_w.
-    start : list of Float, (2 + n_band)
-        Start values: slopes and log reflectances.
+    start : list of Float, (2 + n_band), or two more
+        Start values: slopes and log reflectances. Two more make the pixel's thresholds unknown: the logarithms
+        of the factors on C_on and C_off. How these are distributed over the pixels is found by expectation
+        maximisation, so both a wrong told value and a fixed pattern are corrected.
     neighbour : list of UInt32
         For each direction, the pixel whose solution a pixel tries (itself at the border).
     effort : Effort
@@ -171,36 +182,47 @@ def solve(
     Float, UInt32 = type(start[0]), type(pairs.offset)
     n_unknown = len(start)
     n_pixel = dr.opaque(UInt32, dr.width(start[0]))
-    prior_centre = [0.0, 0.0] + [float(np.log(REFLECTANCE_CENTRE))] * (n_unknown - 2)
-    prior_sigma = [SLOPE_SIGMA] * 2 + [LOG_REFLECTANCE_SIGMA] * (n_unknown - 2)
+    n_band = model.illumination.n_band
+    thresholds = n_unknown > 2 + n_band
+    prior_centre = [0.0, 0.0] + [float(np.log(REFLECTANCE_CENTRE))] * n_band
+    prior_sigma = [SLOPE_SIGMA] * 2 + [LOG_REFLECTANCE_SIGMA] * n_band
+    hyper = [dr.opaque(Float, value) for value in (0.0, 0.0, *FIRST_THRESHOLD_SIGMA)] if thresholds else []
 
     freeze = dr.freeze(state_fn=lambda *_: (model, pairs, constant_light, n_pixel))
 
-    def evaluate(theta, softness, noise, silence):
+    def at_thresholds(theta):
+        """The pairs with the thresholds of theta, if it has any."""
+        if not thresholds:
+            return pairs
+        on, off = pairs.threshold_on * dr.exp(theta[-2]), pairs.threshold_off * dr.exp(theta[-1])
+        return replace(pairs, threshold_on=on, threshold_off=off)
+
+    def evaluate(theta, softness, noise, silence, hyper):
         """Cost, gradient and matrix, prior included."""
-        reflectance = [dr.exp(t) for t in theta[2:]]
+        reflectance = [dr.exp(t) for t in theta[2 : 2 + n_band]]
         signals = model(theta[0], theta[1], reflectance, softness)
         table = derivative_table(*signals, model.illumination.band, dr.width(theta[0]))
-        given = table, pairs, constant_light, n_pixel, n_unknown - 2, noise, effort.robust
+        given = table, at_thresholds(theta), constant_light, n_pixel, n_band, noise, effort.robust, thresholds
         cost, gradient, matrix = normal_equations(*given)
         if silence:
             silent_cost, silent_gradient, silent_matrix = silence_equations(*given)
             cost += silent_cost
             gradient = [a + b for a, b in zip(gradient, silent_gradient)]
             matrix = [a + b for a, b in zip(matrix, silent_matrix)]
-        for i, (t, centre, sigma) in enumerate(zip(theta, prior_centre, prior_sigma)):
+        centres, sigmas = prior_centre + hyper[:2], prior_sigma + hyper[2:]
+        for i, (t, centre, sigma) in enumerate(zip(theta, centres, sigmas)):
             z = (t - centre) / sigma
             cost += 0.5 * dr.square(z)
             gradient[i] += z / sigma
-            matrix[i * (i + 3) // 2] += 1.0 / sigma**2
+            matrix[i * (i + 3) // 2] += 1.0 / (sigma * sigma)
         return [cost, *gradient, *matrix]
 
     @freeze
-    def begin(theta, softness, noise, silence):
-        return evaluate(theta, softness, noise, silence)
+    def begin(theta, softness, noise, silence, hyper):
+        return evaluate(theta, softness, noise, silence, hyper)
 
     @freeze
-    def step(theta, terms, damping, softness, noise, silence):
+    def step(theta, terms, damping, softness, noise, silence, hyper):
         """One Levenberg-Marquardt step; each pixel keeps what lowers its own cost."""
         gradient, matrix = terms[1 : 1 + n_unknown], terms[1 + n_unknown :]
         move = solve_ldl(matrix, [-g for g in gradient], damping)
@@ -210,7 +232,7 @@ def solve(
             low, high = (-LARGEST_SLOPE, LARGEST_SLOPE) if i < 2 else LOG_REFLECTANCE_RANGE
             trial.append(dr.clip(t + dr.clip(m, -limit, limit), low, high))
         dr.eval(trial)
-        new_terms = evaluate(trial, softness, noise, silence)
+        new_terms = evaluate(trial, softness, noise, silence, hyper)
         better = new_terms[0] < terms[0]
         theta = [dr.select(better, new, old) for new, old in zip(trial, theta)]
         terms = [dr.select(better, new, old) for new, old in zip(new_terms, terms)]
@@ -221,12 +243,13 @@ def solve(
     def residuals(theta, softness):
         """|u| of every pair."""
         pixel = dr.arange(UInt32, dr.width(theta[0]))
-        signal, _, _ = model(theta[0], theta[1], [dr.exp(t) for t in theta[2:]], softness)
+        signal, _, _ = model(theta[0], theta[1], [dr.exp(t) for t in theta[2 : 2 + n_band]], softness)
         table = signal_table(signal, dr.width(theta[0]))
-        out = dr.zeros(Float, dr.width(pairs.phases) // 2)
+        out, told = dr.zeros(Float, dr.width(pairs.phases) // 2), at_thresholds(theta)
+        dr.eval(told.threshold_on, told.threshold_off)
 
         def body(k, out):
-            u, _ = relative_residual(table, pairs, constant_light, k, pixel, n_pixel, k < last)
+            u, _ = relative_residual(table, told, constant_light, k, pixel, n_pixel, k < last)
             dr.scatter(out, dr.abs(u), k, k < last, mode=dr.ReduceMode.NoConflicts)
             return k + 1, out
 
@@ -247,11 +270,11 @@ def solve(
     def descend(theta, softness, noise, count, stage=None, silence=False):
         nonlocal n_step
         softness, noise = dr.opaque(Float, softness), dr.opaque(Float, noise)
-        terms = begin(theta, softness, noise, silence)
+        terms = begin(theta, softness, noise, silence, hyper)
         damping = dr.full(Float, 1e-2, dr.width(theta[0]))
         dr.make_opaque(damping)
         for i in range(count):
-            theta, terms, damping = step(theta, terms, damping, softness, noise, silence)
+            theta, terms, damping = step(theta, terms, damping, softness, noise, silence, hyper)
             dr.eval(theta, terms, damping)
             dr.sync_thread()  # so that Ctrl-C is heard and progress is true
             n_step += 1
@@ -269,6 +292,18 @@ def solve(
         dr.eval(theta, terms)
         return theta, terms
 
+    def distribution(theta, terms):
+        """Mean and spread of the log thresholds over the pixels, given their estimates and sigmas."""
+        some = slice(None, None, max(1, dr.width(theta[0]) // SAMPLE))
+        gains = np.stack([t.numpy()[some] for t in theta[-2:]]).astype(float)
+        matrix = np.stack([t.numpy()[some] for t in terms[1 + n_unknown :]], axis=-1).astype(float)
+        variance = np.diagonal(_invert(matrix, n_unknown), axis1=1, axis2=2)[:, -2:].T
+        centre = np.median(gains, axis=1)
+        spread = np.sqrt(
+            np.median((gains - centre[:, None]) ** 2, axis=1) / 0.455 + np.median(variance, axis=1)
+        )
+        return [dr.opaque(Float, float(v)) for v in (*centre, *np.clip(spread, 0.005, 0.5))]
+
     theta = [dr.opaque(Float, 0.0, dr.width(t)) + t for t in start]
     dr.eval(theta)
     for softness, noise, count in effort.stages:
@@ -281,17 +316,24 @@ def solve(
             theta, terms = offer(theta, terms, [dr.gather(Float, t, index) for t in theta], HARD, noise)
             theta, terms = offer(theta, terms, tilt(theta, i * np.pi / 2), HARD, noise)
             progress("starts", (sweep * len(neighbour) + i + 1) / (effort.n_sweep * len(neighbour)))
+    for round_ in range(N_EXPECTATION if thresholds else 0):
+        noise = measure_noise(theta, HARD)
+        theta, terms = descend(theta, HARD, noise, effort.n_try, None, effort.silence)
+        hyper = distribution(theta, terms)
+        progress("thresholds", (round_ + 1) / N_EXPECTATION)
     noise = measure_noise(theta, HARD)
     theta, terms = descend(theta, HARD, noise, effort.n_final, "refinement", effort.silence)
     noise = measure_noise(theta, HARD)
-    terms = begin(theta, dr.opaque(Float, HARD), dr.opaque(Float, noise), effort.silence)
+    terms = begin(theta, dr.opaque(Float, HARD), dr.opaque(Float, noise), effort.silence, hyper)
     matrix = np.stack([t.numpy() for t in terms[1 + n_unknown :]], axis=-1).astype(float)
+    covariance, theta = _invert(matrix, n_unknown), np.stack([t.numpy() for t in theta], axis=-1)
+    gain, gain_sigma = None, None
+    if thresholds:
+        gain = np.exp(theta[:, -2:])
+        gain_sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2)[:, -2:], 0))
+    n_map = 2 + n_band
     return Solution(
-        theta=np.stack([t.numpy() for t in theta], axis=-1),
-        covariance=_invert(matrix, n_unknown),
-        cost=terms[0].numpy(),
-        noise=noise,
-        n_step=n_step,
+        theta[:, :n_map], covariance[:, :n_map, :n_map], terms[0].numpy(), noise, n_step, gain, gain_sigma
     )
 
 

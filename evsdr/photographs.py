@@ -3,10 +3,10 @@
 A stack is an .npz with
 
 `frames` (n_led, H, W) float
-    Signal of each photograph: 1 is a white Lambertian patch that faces its light.
-`light_direction` (n_led, 3) float
-    Unit vectors from surface to light, camera frame (x right, y up, z toward the camera), in the order in
-    which they shall be lit.
+    Signal of each photograph: 1 is a white Lambertian patch that faces its light. Row 0 is the top.
+`light_direction` (n_led, 3)
+    Vectors from surface to light, camera frame (x right, y up, z toward the camera), in the order in which
+    they shall be lit.
 `normal` (H, W, 3), `reflectance` (H, W, 1), `mask` (H, W), all optional
     What is known to be true.
 """
@@ -19,6 +19,9 @@ import numpy as np
 from evsdr.errors import InputError
 from evsdr.metrics import Truth
 
+MAX_LED = 256  # of a scene
+UNIT_TOLERANCE = 0.01  # of the length of a normal
+
 
 @dataclass(frozen=True)
 class Stack:
@@ -27,9 +30,11 @@ class Stack:
     Attributes
     ----------
     frames : (n_led, H, W) float32
-    light_direction : (n_led, 3) float
+        A_xj, 0 or more.
+    light_direction : (n_led, 3) float64
+        Unit vectors from surface to light, camera frame.
     truth : Truth
-        As far as given; an unknown normal is frontal, an unknown reflectance 0.
+        As far as given: with no normals its mask is empty, an unknown reflectance is 0.
     """
 
     frames: np.ndarray
@@ -43,45 +48,74 @@ def read_stack(path: Path) -> Stack:
     Raises
     ------
     InputError
-        The file is missing or its arrays don't fit each other.
+        The file is missing or damaged, or its arrays don't fit each other.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; name an .npz with frames and light_direction.")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"{path}: not a readable .npz archive; write it by numpy.savez.") from error
-    for name, n_dimension in (("frames", 3), ("light_direction", 2)):
-        if name not in arrays or arrays[name].ndim != n_dimension or not np.isfinite(arrays[name]).all():
-            raise InputError(
-                f"{path}: {name} is missing or not a finite array of {n_dimension} dimensions; store it."
-            )
-    frames, direction = arrays["frames"].astype(np.float32), arrays["light_direction"].astype(float)
-    n_led, *shape = frames.shape
-    if direction.shape != (n_led, 3) or n_led < 2:
+    arrays = _load(path)
+    frames, direction = arrays["frames"], arrays["light_direction"].astype(np.float64)
+    if frames.dtype.kind != "f":
         raise InputError(
-            f"{path}: light_direction has shape {direction.shape}; {n_led} frames need ({n_led}, 3)."
+            f"{path}: frames holds {frames.dtype}; divide by the light's intensity, "
+            "so that a white patch that faces its light is 1.0."
         )
+    for name in ("frames", "light_direction"):
+        if not np.isfinite(arrays[name]).all():
+            raise InputError(f"{path}: {name} is not finite everywhere; mend these values.")
     if frames.min() < 0:
         raise InputError(f"{path}: frames has negative values; subtract less black level.")
     length = np.linalg.norm(direction, axis=1, keepdims=True)
     if not (length > 0).all():
         raise InputError(f"{path}: light_direction holds a zero vector; give the direction of every light.")
-    truth = Truth(
-        normal=arrays.get("normal", np.broadcast_to(np.float32([0, 0, 1]), (*shape, 3))),
-        reflectance=arrays.get("reflectance", np.zeros((*shape, 1), np.float32)),
-        mask=arrays.get("mask", np.ones(shape, bool)) != 0,
-    )
-    if [a.shape[:2] for a in (truth.normal, truth.reflectance, truth.mask)] != [tuple(shape)] * 3:
+    return Stack(frames.astype(np.float32), direction / length, _truth(path, arrays, frames.shape[1:]))
+
+
+def _load(path: Path) -> dict[str, np.ndarray]:
+    """Read the arrays of a stack; their types and shapes are checked."""
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; name an .npz with frames and light_direction.")
+    names = ("frames", "light_direction", "normal", "reflectance", "mask")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in names if name in file.files}
+    except Exception as error:  # NumPy, zipfile and zlib raise ten kinds on damage
+        raise InputError(f"{path}: this is not a readable .npz archive; write it by numpy.savez.") from error
+    for name in names[:2]:
+        if name not in arrays:
+            raise InputError(f"{path}: the array {name} is missing; store it by numpy.savez.")
+    shape = arrays["frames"].shape
+    if len(shape) != 3 or 0 in shape or not 2 <= shape[0] <= MAX_LED:
         raise InputError(
-            f"{path}: normal, reflectance and mask must be as large as the frames, {shape[0]} x {shape[1]}."
+            f"{path}: frames has shape {shape}; store 2 to {MAX_LED} photographs as (n_led, height, width)."
         )
-    return Stack(frames, direction / length, truth)
+    n_led, *size = shape
+    shapes = dict(zip(names, (shape, (n_led, 3), (*size, 3), (*size, 1), tuple(size))))
+    for name, array in arrays.items():
+        if array.dtype.kind not in "fiub" or array.shape != shapes[name]:
+            raise InputError(
+                f"{path}: {name} is an array of {array.dtype} with shape {array.shape}; "
+                f"frames of shape {shape} need numbers with shape {shapes[name]}."
+            )
+    return arrays
+
+
+def _truth(path: Path, arrays: dict[str, np.ndarray], size: tuple[int, int]) -> Truth:
+    """Give what is known to be true."""
+    mask = arrays.get("mask", np.ones(size, bool)) != 0
+    reflectance = arrays.get("reflectance", np.zeros((*size, 1), np.float32))
+    if "normal" not in arrays:
+        facing = np.broadcast_to(np.float32([0, 0, 1]), (*size, 3))
+        return Truth(facing, reflectance, np.zeros(size, bool))
+    normal = arrays["normal"]
+    length = np.linalg.norm(normal[mask], axis=-1)
+    if not (np.abs(length - 1) <= UNIT_TOLERANCE).all():
+        raise InputError(f"{path}: normal has not unit length at some pixel of the mask; normalise it.")
+    return Truth(normal, reflectance, mask)
 
 
 def write_scene(path: Path, stack: Stack, constant_light: float) -> None:
-    """Write the scene.xml of a stack: its lights, far and of one band, before an object of unknown shape."""
+    """Write the scene.xml of a stack: its lights, far and of one band, before an object of unknown shape.
+
+    A light's spectrum is a triangle of integral 1.
+    """
     _, height, width = stack.frames.shape
     lights = "\n".join(
         f"""    <emitter type="directional" id="led_{j:03d}">

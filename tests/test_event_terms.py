@@ -168,3 +168,30 @@ def test_packing_keeps_phases_and_polarity():
     got = unpack_pair(pairs.phases, dr.arange(mi.UInt32, 3), mi.Bool(True))
     for value, expected in zip(got, (start, end, polarity)):
         np.testing.assert_allclose(value.numpy(), expected, atol=2e-6)
+
+
+def test_threshold_derivatives_are_those_of_finite_differences(scene):
+    """The cost of unknown thresholds by their logarithms, events and silence."""
+    signal, by_p, by_q, offset, start, end, _, on, off, pairs = scene
+    silent = mi.Float(pack_phases(start, end, np.ones(len(start))))
+    pairs = replace(pairs, silent_offset=pairs.offset, silent_phases=silent)
+    rows = [[mi.Float(row) for row in table] for table in (signal, by_p, by_q)]
+    table = derivative_table(*rows, BAND, N_PIXEL)
+    wide = mi.Float(C_W), mi.UInt32(N_PIXEL), N_BAND, mi.Float(SCALE), mi.Float(ROBUST), True
+
+    for equations in (normal_equations, silence_equations):
+
+        def cost(gain_on, gain_off, equations=equations):
+            changed = replace(
+                pairs,
+                threshold_on=mi.Float(on) * np.exp(gain_on),
+                threshold_off=mi.Float(off) * np.exp(gain_off),
+            )
+            return equations(table, changed, *wide)
+
+        _, gradient, _ = cost(0.0, 0.0)
+        for i, step in enumerate(((1e-3, 0.0), (0.0, 1e-3))):
+            above, below = cost(*step)[0].numpy(), cost(*(-s for s in step))[0].numpy()
+            numeric = (above - below).astype(float) / 2e-3
+            np.testing.assert_allclose(gradient[2 + N_BAND + i].numpy(), numeric, rtol=0.02, atol=0.05)
+        assert np.abs(gradient[-1].numpy()).max() > 1

@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -57,9 +58,10 @@ def sphere_problem(size: int, event_noise: float, seed: int = 0, threshold: floa
     return make_problem(recording, pair_events(recording, mask), light, mask), normal[mask]
 
 
-def solve(problem, effort=lm.Effort(), start=None):
+def solve(problem, effort=lm.Effort(), start=None, thresholds=False):
     n = problem.n_pixel
     start = start or to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25))
+    start += [dr.zeros(mi.Float, n) for _ in range(2 if thresholds else 0)]
     light = problem.illumination
     return lm.solve(
         LambertianRing(light), problem.pairs, light.constant_light, start, problem.neighbour, effort
@@ -128,6 +130,39 @@ def test_silence_informs():
     _, deaf_difference = errors(solve(problem, replace(lm.Effort(), silence=False)), truth, spectrum)
     dark = spectrum < 0.1
     assert np.abs(difference[:, dark]).mean() < 0.7 * np.abs(deaf_difference[:, dark]).mean()
+
+
+@pytest.mark.parametrize("told", [0.5, 0.85, 1.15, 2.0])
+def test_thresholds_told_wrong_are_found(told):
+    """With what the events say, the maps are as good as with true thresholds."""
+    problem, truth = sphere_problem(40, event_noise=0.1)
+    best_angle, best_difference = errors(solve(problem), truth)
+    pairs = problem.pairs
+    wrong = replace(pairs, threshold_on=pairs.threshold_on * told, threshold_off=pairs.threshold_off * told)
+    solution = solve(replace(problem, pairs=wrong), thresholds=True)
+    assert np.median(solution.threshold_gain, axis=0) == pytest.approx(1 / told, rel=0.03)
+    angle, difference = errors(solution, truth)
+    assert angle.mean() < 1.2 * best_angle.mean()
+    assert np.sqrt(np.mean(difference**2)) < 1.5 * np.sqrt(np.mean(best_difference**2))
+
+
+def test_a_fixed_pattern_of_thresholds_is_found(rng):
+    """Each pixel's own thresholds, told as one value; their sigmas are honest."""
+    problem, truth = sphere_problem(40, event_noise=0.1)
+    pattern = np.exp(rng.normal(0, [0.2, 0.1], (problem.n_pixel, 2)))
+    pairs = problem.pairs
+    told = [
+        mi.Float((t.numpy() / p).astype(np.float32))
+        for t, p in zip((pairs.threshold_on, pairs.threshold_off), pattern.T)
+    ]
+    unknown = replace(problem, pairs=replace(pairs, threshold_on=told[0], threshold_off=told[1]))
+    solution = solve(unknown, thresholds=True)
+    error = np.log(solution.threshold_gain / pattern)
+    assert np.std(error, axis=0).max() < 0.04  # of 0.2 and 0.1
+    assert np.sqrt(np.mean((error / solution.threshold_gain_sigma) ** 2)) == pytest.approx(1, abs=0.3)
+    angle, _ = errors(solution, truth)
+    ignorant, _ = errors(solve(unknown), truth)
+    assert angle.mean() < 0.8 * ignorant.mean()
 
 
 def test_the_hard_horizon_alone_gets_stuck_and_other_starts_free_it():
