@@ -17,7 +17,7 @@ PYPROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
 PROJECT = PYPROJECT["project"]
 
 
-@pytest.mark.parametrize("name", ["evsdr-fit", "evsdr-simulate"])
+@pytest.mark.parametrize("name", ["evsdr-design", "evsdr-fit", "evsdr-simulate"])
 def test_console_scripts_lead_to_a_function(name):
     module, function = PROJECT["scripts"][name].split(":")
     assert callable(getattr(importlib.import_module(module), function))
