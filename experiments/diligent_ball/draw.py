@@ -1,0 +1,53 @@
+"""Draw the ball, its normals, and where each method errs."""
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from evsdr.metrics import angular_error_deg
+from evsdr.results import encode_normal
+
+from .compute import Ball, Result
+
+LARGEST_ERROR = 10.0  # of the colour scale [deg]
+PHOTOGRAPH = 47  # from the upper left
+
+
+def draw(ball: Ball, results: list[Result], file: Path) -> None:
+    """Draw the photograph and normals over error maps.
+
+    Parameters
+    ----------
+    results : list of Result, (4)
+        Each gets an error map; the first and the last show their normals, too.
+    file : Path
+        The picture to write.
+    """
+    figure, axes = plt.subplots(2, len(results), figsize=(11, 5.7), layout="constrained")
+    outside = ~ball.mask[..., None]
+    photograph = np.clip(ball.signal[PHOTOGRAPH] / 0.6, 0, 1) ** (1 / 2.2)
+    axes[0, 0].imshow(np.where(ball.mask, photograph, 1), cmap="gray", vmin=0, vmax=1)
+    axes[0, 0].set_title("one of the photographs")
+    for axis, title, normal in (
+        (axes[0, 1], "true normals", ball.normal),
+        (axes[0, 2], results[0].method, results[0].normal),
+        (axes[0, 3], results[-1].method, results[-1].normal),
+    ):
+        axis.imshow(np.where(outside, 1, encode_normal(normal, ball.mask) / 65535))
+        axis.set_title(title)
+    for axis, result in zip(axes[1], results):
+        error = angular_error_deg(result.normal, ball.normal)
+        image = axis.imshow(np.where(ball.mask, error, np.nan), vmin=0, vmax=LARGEST_ERROR, cmap="magma")
+        error = error[ball.mask]
+        axis.set_title(f"{result.method}\nmean {error.mean():.2f}°, median {np.median(error):.2f}°")
+    figure.colorbar(image, ax=axes[1], shrink=0.8, extend="max", label="angular error [deg]")
+    for axis in axes.ravel():
+        axis.title.set_fontsize(9)
+        axis.axis("off")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=100)
+    plt.close(figure)
