@@ -28,7 +28,6 @@ FIRST_THRESHOLD_SIGMA = (0.3, 0.3)  # of the log of unknown thresholds, before t
 N_EXPECTATION = 8  # rounds of expectation maximisation
 SAMPLE = 4000  # pixels that stand for all in it
 HARD = 1e-3  # softness of a horizon that is hard for all purposes
-TILT_DEG = 12.0  # of the starts that a pixel tries around its own normal
 LARGEST_SLOPE, LOG_REFLECTANCE_RANGE = 30.0, (-9.0, 1.5)
 
 
@@ -42,8 +41,7 @@ class Effort:
         Descent from the start: width of the smooth horizon, standard deviation of the relative residual
         (None: as measured), and steps.
     n_sweep : int
-        Sweeps with the hard horizon, in which each pixel tries the solutions of its four neighbours and its
-        own normal tilted in four directions.
+        Sweeps with the hard horizon, in which each pixel tries the solutions of its four neighbours.
     n_try : int
         Steps granted to such a start before it is compared.
     n_final : int
@@ -63,7 +61,7 @@ class Effort:
 
 
 PRESETS = {
-    "fast": Effort(stages=((0.3, 0.5, 6), (0.1, None, 3), (0.02, None, 3)), n_sweep=1, n_try=2, n_final=3),
+    "fast": Effort(stages=((0.3, 0.5, 6), (0.1, None, 3), (0.02, None, 3)), n_sweep=1, n_try=2, n_final=6),
     "balanced": Effort(),
     "accurate": Effort(n_sweep=4, n_try=5, n_final=15),
 }
@@ -314,7 +312,6 @@ def solve(
     for sweep in range(effort.n_sweep):
         for i, index in enumerate(neighbour):
             theta, terms = offer(theta, terms, [dr.gather(Float, t, index) for t in theta], HARD, noise)
-            theta, terms = offer(theta, terms, tilt(theta, i * np.pi / 2), HARD, noise)
             progress("starts", (sweep * len(neighbour) + i + 1) / (effort.n_sweep * len(neighbour)))
     for round_ in range(N_EXPECTATION if thresholds else 0):
         noise = measure_noise(theta, HARD)
@@ -335,13 +332,6 @@ def solve(
     return Solution(
         theta[:, :n_map], covariance[:, :n_map, :n_map], terms[0].numpy(), noise, n_step, gain, gain_sigma
     )
-
-
-def tilt(theta: list, azimuth: float) -> list:
-    """Turn each pixel's normal by `TILT_DEG` toward an azimuth [rad]; its reflectance stays."""
-    p, q = theta[:2]
-    shift = float(np.tan(np.radians(TILT_DEG))) * dr.sqrt(1.0 + p * p + q * q)
-    return [p - shift * float(np.cos(azimuth)), q - shift * float(np.sin(azimuth)), *theta[2:]]
 
 
 def _invert(triangle: np.ndarray, n: int) -> np.ndarray:

@@ -141,6 +141,7 @@ def test_thresholds_told_wrong_are_found(told):
     wrong = replace(pairs, threshold_on=pairs.threshold_on * told, threshold_off=pairs.threshold_off * told)
     solution = solve(replace(problem, pairs=wrong), thresholds=True)
     assert np.median(solution.threshold_gain, axis=0) == pytest.approx(1 / told, rel=0.03)
+    assert np.std(np.log(solution.threshold_gain), axis=0).max() < 0.015  # there is no fixed pattern
     angle, difference = errors(solution, truth)
     assert angle.mean() < 1.2 * best_angle.mean()
     assert np.sqrt(np.mean(difference**2)) < 1.5 * np.sqrt(np.mean(best_difference**2))
@@ -171,18 +172,6 @@ def test_the_hard_horizon_alone_gets_stuck_and_other_starts_free_it():
     freed = solve(problem, lm.Effort(stages=((lm.HARD, 0.3, 20),), n_sweep=4))
     assert np.mean(freed.cost) < np.mean(direct.cost) - 1
     assert errors(freed, truth)[0].mean() < errors(direct, truth)[0].mean()
-
-
-@pytest.mark.parametrize("azimuth", [0.0, np.pi / 2, np.pi])
-def test_tilt_turns_a_frontal_normal_by_its_angle(azimuth):
-    p, q, log_reflectance = (
-        t.numpy()[0] for t in lm.tilt([mi.Float(0), mi.Float(0), mi.Float(0.5)], azimuth)
-    )
-    turned = np.array([-p, -q, 1]) / np.linalg.norm([-p, -q, 1])
-    tilt = np.radians(lm.TILT_DEG)
-    expected = [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]
-    np.testing.assert_allclose(turned, expected, atol=1e-6)
-    assert log_reflectance == 0.5
 
 
 def test_neighbours_are_the_adjacent_masked_pixels():
