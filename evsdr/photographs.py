@@ -74,8 +74,9 @@ def _load(path: Path) -> dict[str, np.ndarray]:
         raise InputError(f"{path}: there is no such file; name an .npz with frames and light_direction.")
     names = ("frames", "light_direction", "normal", "reflectance", "mask")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in names if name in file.files}
+        with open(path, "rb") as stream:
+            file = np.load(stream, allow_pickle=False)
+            arrays = {name: file[name] for name in names if name in file.keys()}
     except Exception as error:  # NumPy, zipfile and zlib raise ten kinds on damage
         raise InputError(f"{path}: this is not a readable .npz archive; write it by numpy.savez.") from error
     for name in names[:2]:
