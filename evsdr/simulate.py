@@ -82,6 +82,8 @@ def command(options: Options) -> None:
         check_range(f"--{name}", getattr(options, name), least)
     if options.scene and options.constant_light is not None:
         raise InputError("--constant-light goes with --frames; a scene has its own, often set by -D.")
+    if options.frames and options.define:
+        raise InputError("-D sets parameters of a scene file; leave it out with --frames.")
     check_folder(options.out)
     with Stages("simulate") as stages:
         if options.frames:

@@ -1,5 +1,8 @@
 """The experiment on photographs of a real ball."""
 
+import re
+
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -83,6 +86,18 @@ def test_least_squares_on_all_photographs(ball):
     """4.29 degrees is what is known of this object, grey, with all lights and no robustness."""
     normal, _ = compute.least_squares(ball.signal, ball.light_direction)
     assert error(ball, normal) == pytest.approx(4.29, abs=0.005)
+
+
+def test_table_and_picture(ball, tmp_path, monkeypatch, capsys):
+    normal, reflectance = compute.least_squares(ball.signal, ball.light_direction)
+    results = [compute.Result(f"method {i}", 96, normal, reflectance, 11.0 * i) for i in range(8)]
+    monkeypatch.setattr(experiment, "OUT", tmp_path / "out")
+    monkeypatch.setattr(experiment, "methods", lambda *_: results)
+    assert experiment.main() == 0
+    out = capsys.readouterr().out
+    assert re.search(r"method 7 +96 +4\.29 +2\.37 +8\.36 +0\.38-0\.54 +77 *\n", out)
+    picture = plt.imread(tmp_path / "out" / "diligent_ball.png")
+    assert picture[..., :3].std() > 0.1  # not blank
 
 
 @pytest.mark.slow

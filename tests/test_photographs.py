@@ -146,6 +146,15 @@ def test_an_unknown_truth_counts_nowhere(save):
     assert truth.normal.shape == (SIZE, SIZE, 3) and truth.reflectance.shape == (SIZE, SIZE, 1)
 
 
+def test_scene_parameters_are_refused(save, tmp_path, capsys):
+    argv = ("--frames", str(save()), "--out", str(tmp_path / "out"), "-D", "size=64")
+    assert simulate.main(list(argv)) == 2
+    assert (
+        capsys.readouterr().err == "error: -D sets parameters of a scene file; leave it out with --frames.\n"
+    )
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     "dark_slot, largest_angle, largest_deviation",  # measured: 1.2 degrees and 5.5 %, 0.3 degrees and 0.5 %
     [((), 2.0, 0.1), ((-1,), 0.6, 0.01)],
