@@ -183,7 +183,8 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
             warnings.warn(
                 InputWarning(
                     f"{options.events}: {name} is told as {values['told']:.3g} but the events say "
-                    f"{values['found']:.3g}; the latter was used, check the camera's biases."
+                    f"{values['found']:.3g}; the latter was used: "
+                    "check the camera's biases, or the surface is not matt."
                 )
             )
     summary = {
