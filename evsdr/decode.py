@@ -124,13 +124,15 @@ def solve(
             progress,
         )
         n_step = settings.n_step
-        effort = replace(effort, stages=(), n_sweep=0, n_final=0)  # only noise and sigma at Adam's result
+        effort = replace(
+            effort, stages=(), n_sweep=0, n_final=0, priors=None
+        )  # only noise and sigma at Adam's result
     solution = lm.solve(
         LambertianRing(light),
         problem.pairs,
         light.constant_light,
         to_theta(normal, reflectance) + unknown_gain,
-        problem.neighbour,
+        problem.grid,
         effort,
         progress,
     )
@@ -162,9 +164,8 @@ def assemble_maps(problem: Problem, solution: lm.Solution, shape: tuple[int, int
     if ring.constant_light == 0:
         scale = 1 / reflectance.max(axis=1, keepdims=True)
         reflectance, reflectance_sigma = reflectance * scale, reflectance_sigma * scale
-    has_pairs = np.diff(problem.pairs.offset.numpy()) > 0
     sound = (variance > 0).all(axis=1)  # rounding can spoil an inverse
-    known = has_pairs & sound & (sigma < KNOWN_SIGMA_DEG)
+    known = sound & (sigma < KNOWN_SIGMA_DEG)
 
     def image(values, elsewhere):
         out = np.full((shape[0] * shape[1], *values.shape[1:]), elsewhere, np.float32)

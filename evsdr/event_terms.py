@@ -7,6 +7,10 @@ reference memorised at the end of the refractory period). Its residual is relati
 
 because an absolute one vanishes together with the contrast.
 
+When an event fires is chosen by its own noise: light that changes fast meets more thresholds in a given time. Its
+time therefore has the density  N(u) |df/dt| / C  (N: of the threshold's noise), whose logarithm adds a slope term to
+the squared residual. Left out, signals come out too weak by about the noise squared.
+
 Silence speaks too: where no event has fired since the reference was memorised, log I has changed by less than
 the threshold. While LEDs fade linearly the light is extreme at the starts of slots, so those are the probes.
 
@@ -19,7 +23,8 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-SILENT_MARGIN = 1.5  # standard deviations of the threshold that silence leaves open
+SILENT_MARGIN = 1.0  # standard deviations of the threshold that silence leaves open
+SMALLEST_SLOPE = 0.02  # of log I per slot: what is slower, or has the wrong sign, counts as nearly this
 
 
 @dataclass(frozen=True)
@@ -142,12 +147,30 @@ def derivative_table(signal: list, by_p: list, by_q: list, band: list, n_pixel: 
     return table
 
 
+def gaussian_share(robust: float) -> float:
+    """Give E[z^2 w(z)] for standard normal z and Cauchy's weight w.
+
+    The weight of the slope term with which it balances robust residuals of Gaussian noise on average.
+    """
+    z, weight = np.polynomial.hermite_e.hermegauss(80)
+    return float(weight @ (z**2 / (1 + (z / robust) ** 2)) / weight.sum())
+
+
 def normal_equations(
-    table, pairs: PairData, constant_light, n_pixel, n_band: int, scale, robust, thresholds: bool = False
+    table,
+    pairs: PairData,
+    constant_light,
+    n_pixel,
+    n_band: int,
+    scale,
+    robust,
+    thresholds: bool = False,
+    slope_term: float = 0.0,
 ):
     """Sum cost, gradient and Gauss-Newton matrix of each pixel over its pairs.
 
-    The cost of a pair is Cauchy's, robust^2 / 2 log(1 + (r / robust)^2) for r = u / scale.
+    The cost of a pair is Cauchy's, robust^2 / 2 log(1 + (r / robust)^2) for r = u / scale, less `slope_term` times
+    the logarithm of p_k df/dt / C.
 
     Parameters
     ----------
@@ -163,6 +186,8 @@ def normal_equations(
         Width of the Cauchy cost in standard deviations.
     thresholds : bool
         Whether the logarithms of C_on and C_off are unknowns too.
+    slope_term : float
+        Weight of the density of event times, see `gaussian_share`; 0 leaves it out.
 
     Returns
     -------
@@ -180,9 +205,29 @@ def normal_equations(
         more = [(-u - 1.0, on), (-u - 1.0, ~on)] if thresholds else []
         return u, polarity / threshold, more
 
+    def density(lit, total, jacobian, polarity, fading):
+        """Cost and gradient of the slope term; jacobian is that of log I at the event."""
+        (_, (signal_0, *slopes_0, band_0)), (_, (signal_1, *slopes_1, band_1)) = lit
+        speed = polarity * (signal_1 - signal_0) / total  # of log I, per slot
+        root = dr.sqrt(dr.square(speed) + dr.square(SMALLEST_SLOPE))
+        by = [b - a for a, b in zip(slopes_0, slopes_1)]
+        for b in range(n_band):
+            by.append(dr.select(band_1 == b, signal_1, 0.0) - dr.select(band_0 == b, signal_0, 0.0))
+        gradient = [-(polarity * d / total - speed * j) / root for d, j in zip(by, jacobian)]
+        cost = -dr.log(0.5 * (speed + root))
+        if thresholds:
+            on = polarity > 0
+            cost += dr.log(dr.select(on, pairs.threshold_on, pairs.threshold_off))
+            gradient += [dr.select(side, Float(1.0), 0.0) for side in (on, ~on)]
+        return dr.select(fading, cost, 0.0), [dr.select(fading, g, 0.0) for g in gradient]
+
+    Float = type(pairs.phases)
     lists = pairs.offset, pairs.phases
     n_more = 2 if thresholds else 0
-    return _sum_terms(table, pairs, *lists, event, n_more, constant_light, n_pixel, n_band, scale, robust)
+    given = constant_light, n_pixel, n_band, scale, robust
+    return _sum_terms(
+        table, pairs, *lists, event, n_more, *given, density if slope_term else None, slope_term
+    )
 
 
 def silence_equations(
@@ -207,12 +252,24 @@ def silence_equations(
 
 
 def _sum_terms(
-    table, pairs, offset, phases, residual, n_more, constant_light, n_pixel, n_band, scale, robust
+    table,
+    pairs,
+    offset,
+    phases,
+    residual,
+    n_more,
+    constant_light,
+    n_pixel,
+    n_band,
+    scale,
+    robust,
+    density=None,
+    slope_term=0.0,
 ):
     """Sum over one list of phase pairs.
 
     `residual(change of log I, polarity)` gives u, du/d(change), and for each of `n_more` unknowns of its own the
-    derivative of u and where it counts.
+    derivative of u and where it counts. `density`, if given, gives cost and gradient of the slope term.
     """
     Float, UInt32 = type(phases), type(offset)
     Array4f = _array(Float, 4)
@@ -223,32 +280,42 @@ def _sum_terms(
 
     def body(k, cost, *sums):
         active = k < last
-        *ends_of_pair, polarity = unpack_pair(phases, k, active)
-        jacobian = [Float(0.0) for _ in range(2 + n_band)]
-        intensity = []
-        for sign, phase in zip((-1.0, 1.0), ends_of_pair):
+        *phases_of_pair, polarity = unpack_pair(phases, k, active)
+        logarithm, by = [], []
+        for phase in phases_of_pair:
             lit = [
                 (share, dr.gather(Array4f, table, led * n_pixel + pixel, active))
                 for led, share in _lit(pairs, phase, active)
             ]
             total = constant_light + sum(share * entry[0] for share, entry in lit)
-            intensity.append(total)
+            derivative = [Float(0.0) for _ in range(2 + n_band)]
             for share, (signal, by_p, by_q, band) in lit:
-                part = sign * share / total
-                jacobian[0] += part * by_p
-                jacobian[1] += part * by_q
+                part = share / total
+                derivative[0] += part * by_p
+                derivative[1] += part * by_q
                 for b in range(n_band):
-                    jacobian[2 + b] += dr.select(band == b, part * signal, 0.0)
-        u, gain, more = residual(dr.log(intensity[1] / intensity[0]), polarity)
+                    derivative[2 + b] += dr.select(band == b, part * signal, 0.0)
+            logarithm.append(dr.log(total))
+            by.append(derivative)
+        u, gain, more = residual(logarithm[1] - logarithm[0], polarity)
         r, gain = u / scale, gain / scale
         excess = dr.square(r / robust)
         weight = dr.rcp(1.0 + excess)
         cost += 0.5 * dr.square(robust) * dr.log(1.0 + excess)
-        jacobian = [*(gain * j for j in jacobian), *(dr.select(where, by / scale, 0.0) for by, where in more)]
+        jacobian = [gain * (end - start) for start, end in zip(*by)]
+        jacobian += [dr.select(where, value / scale, 0.0) for value, where in more]
         weighted = [weight * j for j in jacobian]
-        terms = [w * r for w in weighted]
-        terms += [weighted[i] * jacobian[j] for i in range(n) for j in range(i + 1)]
-        return (k + 1, cost, *(s + t for s, t in zip(sums, terms)))
+        gradient = [w * r for w in weighted]
+        matrix = [weighted[i] * jacobian[j] for i in range(n) for j in range(i + 1)]
+        if density:
+            fading = active & (phases_of_pair[1] > dr.floor(phases_of_pair[1]))
+            slope_cost, slope = density(lit, total, by[1], polarity, fading)
+            cost += slope_term * slope_cost
+            scaled = [slope_term * s for s in slope]
+            gradient = [g + s for g, s in zip(gradient, scaled)]
+            squares = (scaled[i] * slope[j] for i in range(n) for j in range(i + 1))
+            matrix = [m + s for m, s in zip(matrix, squares)]
+        return (k + 1, cost, *(s + t for s, t in zip(sums, gradient + matrix)))
 
     zero = [dr.zeros(Float, dr.width(pixel)) for _ in range(1 + n + n * (n + 1) // 2)]
     state = dr.while_loop((first, *zero), lambda k, *_: k < last, body, label="event terms")

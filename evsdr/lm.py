@@ -6,20 +6,25 @@ here knows Mitsuba.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import numpy as np
 
+from evsdr import ldl
 from evsdr.event_terms import (
     PairData,
     derivative_table,
+    gaussian_share,
     normal_equations,
     relative_residual,
     signal_table,
     silence_equations,
 )
 from evsdr.frozen import no_garbage_collection
+from evsdr.grid import NEXT, Grid
+from evsdr.priors import Priors, find_posterior
+from evsdr.shading import pixel_horizon
 
 SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
 REFLECTANCE_CENTRE, LOG_REFLECTANCE_SIGMA = 0.25, 2.0  # weak prior: 0.03 .. 2 within one sigma
@@ -48,8 +53,11 @@ class Effort:
         Steps at the end.
     robust : float
         Width of the Cauchy cost in standard deviations.
-    silence : bool
-        Whether the last steps also use that no event fired.
+    fine : bool
+        Whether the last steps also use that no event fired, the density of event times, and a horizon as soft as
+        the surface within a pixel is curved.
+    priors : Priors, optional
+        What pixels tell of each other; None leaves each alone.
     """
 
     stages: tuple = ((0.3, 0.5, 8), (0.1, None, 5), (0.03, None, 4), (0.01, None, 4))
@@ -57,13 +65,20 @@ class Effort:
     n_try: int = 3
     n_final: int = 6
     robust: float = 3.0
-    silence: bool = True
+    fine: bool = True
+    priors: Priors | None = Priors()
 
 
 PRESETS = {
-    "fast": Effort(stages=((0.3, 0.5, 6), (0.1, None, 3), (0.02, None, 3)), n_sweep=1, n_try=2, n_final=6),
+    "fast": Effort(
+        stages=((0.3, 0.5, 6), (0.1, None, 3), (0.02, None, 3)),
+        n_sweep=1,
+        n_try=2,
+        n_final=4,
+        priors=Priors(n_round=3, n_draw=4),
+    ),
     "balanced": Effort(),
-    "accurate": Effort(n_sweep=4, n_try=5, n_final=15),
+    "accurate": Effort(n_sweep=4, n_try=5, n_final=15, priors=Priors(n_round=12, n_draw=16)),
 }
 
 
@@ -87,6 +102,8 @@ class Solution:
         Estimated factors on the told C_on and C_off.
     threshold_gain_sigma : (n_pixel, 2) float32, optional
         One standard deviation of each, relative.
+    prior_scale : dict
+        Scales of the priors that counted, see `priors.Posterior`.
     """
 
     theta: np.ndarray
@@ -96,49 +113,7 @@ class Solution:
     n_step: int
     threshold_gain: np.ndarray | None = None
     threshold_gain_sigma: np.ndarray | None = None
-
-
-def solve_ldl(matrix: list, right: list, damping) -> list:
-    """Solve (M + damping diag M) x = b per pixel by LDL^T, unrolled.
-
-    Parameters
-    ----------
-    matrix : list of Float
-        Lower triangle of M, row after row.
-    right : list of Float, (n)
-        b.
-    damping : Float
-        Marquardt damping.
-
-    Returns
-    -------
-    list of Float, (n)
-        x.
-    """
-    n = len(right)
-    row = [matrix[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
-    lower = [[None] * i for i in range(n)]
-    pivot, inverse = [], []
-    for j in range(n):
-        d = row[j][j] * (1.0 + damping)
-        for k in range(j):
-            d = d - dr.square(lower[j][k]) * pivot[k]
-        pivot.append(dr.maximum(d, 1e-12))
-        inverse.append(dr.rcp(pivot[j]))
-        for i in range(j + 1, n):
-            entry = row[i][j]
-            for k in range(j):
-                entry = entry - lower[i][k] * lower[j][k] * pivot[k]
-            lower[i][j] = entry * inverse[j]
-    x = list(right)
-    for i in range(n):
-        for k in range(i):
-            x[i] = x[i] - lower[i][k] * x[k]
-    x = [value * inv for value, inv in zip(x, inverse)]
-    for i in reversed(range(n)):
-        for k in range(i + 1, n):
-            x[i] = x[i] - lower[k][i] * x[k]
-    return x
+    prior_scale: dict = field(default_factory=dict)
 
 
 @no_garbage_collection()
@@ -147,7 +122,7 @@ def solve(
     pairs: PairData,
     constant_light,
     start: list,
-    neighbour: list,
+    grid: Grid,
     effort: Effort,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> Solution:
@@ -166,8 +141,8 @@ def solve(
         Start values: slopes and log reflectances. Two more make the pixel's thresholds unknown: the logarithms
         of the factors on C_on and C_off. How these are distributed over the pixels is found by expectation
         maximisation, so both a wrong told value and a fixed pattern are corrected.
-    neighbour : list of UInt32
-        For each direction, the pixel whose solution a pixel tries (itself at the border).
+    grid : Grid
+        Neighbours of each pixel: it tries their solutions, and learns from them.
     effort : Effort
         How hard to try.
     progress : callable (stage, share)
@@ -186,6 +161,7 @@ def solve(
     prior_sigma = [SLOPE_SIGMA] * 2 + [LOG_REFLECTANCE_SIGMA] * n_band
     hyper = [dr.opaque(Float, value) for value in (0.0, 0.0, *FIRST_THRESHOLD_SIGMA)] if thresholds else []
 
+    slope_term = gaussian_share(effort.robust)
     freeze = dr.freeze(state_fn=lambda *_: (model, pairs, constant_light, n_pixel))
 
     def at_thresholds(theta):
@@ -195,14 +171,14 @@ def solve(
         on, off = pairs.threshold_on * dr.exp(theta[-2]), pairs.threshold_off * dr.exp(theta[-1])
         return replace(pairs, threshold_on=on, threshold_off=off)
 
-    def evaluate(theta, softness, noise, silence, hyper):
+    def evaluate(theta, softness, noise, fine, hyper):
         """Cost, gradient and matrix, prior included."""
         reflectance = [dr.exp(t) for t in theta[2 : 2 + n_band]]
         signals = model(theta[0], theta[1], reflectance, softness)
         table = derivative_table(*signals, model.illumination.band, dr.width(theta[0]))
         given = table, at_thresholds(theta), constant_light, n_pixel, n_band, noise, effort.robust, thresholds
-        cost, gradient, matrix = normal_equations(*given)
-        if silence:
+        cost, gradient, matrix = normal_equations(*given, slope_term if fine else 0.0)
+        if fine:
             silent_cost, silent_gradient, silent_matrix = silence_equations(*given)
             cost += silent_cost
             gradient = [a + b for a, b in zip(gradient, silent_gradient)]
@@ -216,21 +192,21 @@ def solve(
         return [cost, *gradient, *matrix]
 
     @freeze
-    def begin(theta, softness, noise, silence, hyper):
-        return evaluate(theta, softness, noise, silence, hyper)
+    def begin(theta, softness, noise, fine, hyper):
+        return evaluate(theta, softness, noise, fine, hyper)
 
     @freeze
-    def step(theta, terms, damping, softness, noise, silence, hyper):
+    def step(theta, terms, damping, softness, noise, fine, hyper):
         """One Levenberg-Marquardt step; each pixel keeps what lowers its own cost."""
         gradient, matrix = terms[1 : 1 + n_unknown], terms[1 + n_unknown :]
-        move = solve_ldl(matrix, [-g for g in gradient], damping)
+        move = ldl.solve(*ldl.factor(matrix, damping), [-g for g in gradient])
         trial = []
         for i, (t, m) in enumerate(zip(theta, move)):
             limit = LARGEST_STEP[0 if i < 2 else 1]
             low, high = (-LARGEST_SLOPE, LARGEST_SLOPE) if i < 2 else LOG_REFLECTANCE_RANGE
             trial.append(dr.clip(t + dr.clip(m, -limit, limit), low, high))
         dr.eval(trial)
-        new_terms = evaluate(trial, softness, noise, silence, hyper)
+        new_terms = evaluate(trial, softness, noise, fine, hyper)
         better = new_terms[0] < terms[0]
         theta = [dr.select(better, new, old) for new, old in zip(trial, theta)]
         terms = [dr.select(better, new, old) for new, old in zip(new_terms, terms)]
@@ -260,19 +236,27 @@ def solve(
 
     def measure_noise(theta, softness) -> float:
         """Standard deviation of u by the median absolute residual, corrected for the freedom of the fit."""
+        softness = softness if isinstance(softness, Float) else dr.opaque(Float, softness)
         u = np.asarray(residuals(theta, softness).numpy())
         return float(np.clip(1.4826 * np.median(u) * min(freedom, 2.0), 0.005, 1.0))
 
+    def horizon(theta):
+        """Give each pixel's softness: as its surface is curved within it."""
+        out = dr.maximum(pixel_horizon(theta[0], theta[1], grid), HARD)
+        dr.make_opaque(out)
+        return out
+
     n_step = 0
 
-    def descend(theta, softness, noise, count, stage=None, silence=False):
+    def descend(theta, softness, noise, count, stage=None, fine=False):
         nonlocal n_step
-        softness, noise = dr.opaque(Float, softness), dr.opaque(Float, noise)
-        terms = begin(theta, softness, noise, silence, hyper)
+        noise = dr.opaque(Float, noise)
+        softness = horizon(theta) if fine else dr.opaque(Float, softness)
+        terms = begin(theta, softness, noise, fine, hyper)
         damping = dr.full(Float, 1e-2, dr.width(theta[0]))
         dr.make_opaque(damping)
         for i in range(count):
-            theta, terms, damping = step(theta, terms, damping, softness, noise, silence, hyper)
+            theta, terms, damping = step(theta, terms, damping, softness, noise, fine, hyper)
             dr.eval(theta, terms, damping)
             dr.sync_thread()  # so that Ctrl-C is heard and progress is true
             n_step += 1
@@ -310,27 +294,40 @@ def solve(
     noise = measure_noise(theta, HARD)
     theta, terms = descend(theta, HARD, noise, effort.n_final)
     for sweep in range(effort.n_sweep):
-        for i, index in enumerate(neighbour):
-            theta, terms = offer(theta, terms, [dr.gather(Float, t, index) for t in theta], HARD, noise)
-            progress("starts", (sweep * len(neighbour) + i + 1) / (effort.n_sweep * len(neighbour)))
+        for i, place in enumerate(NEXT):
+            candidate = [dr.gather(Float, t, grid.index[place]) for t in theta]
+            theta, terms = offer(theta, terms, candidate, HARD, noise)
+            progress("starts", (sweep * len(NEXT) + i + 1) / (effort.n_sweep * len(NEXT)))
     for round_ in range(N_EXPECTATION if thresholds else 0):
         noise = measure_noise(theta, HARD)
-        theta, terms = descend(theta, HARD, noise, effort.n_try, None, effort.silence)
+        theta, terms = descend(theta, HARD, noise, effort.n_try, None, effort.fine)
         hyper = distribution(theta, terms)
         progress("thresholds", (round_ + 1) / N_EXPECTATION)
     noise = measure_noise(theta, HARD)
-    theta, terms = descend(theta, HARD, noise, effort.n_final, "refinement", effort.silence)
-    noise = measure_noise(theta, HARD)
-    terms = begin(theta, dr.opaque(Float, HARD), dr.opaque(Float, noise), effort.silence, hyper)
-    matrix = np.stack([t.numpy() for t in terms[1 + n_unknown :]], axis=-1).astype(float)
-    covariance, theta = _invert(matrix, n_unknown), np.stack([t.numpy() for t in theta], axis=-1)
+    theta, terms = descend(theta, HARD, noise, effort.n_final, "refinement", effort.fine)
+    softness = horizon(theta) if effort.fine else dr.opaque(Float, HARD)
+    noise = measure_noise(theta, softness)
+
+    def terms_at(theta):
+        softness = horizon(theta) if effort.fine else dr.opaque(Float, HARD)
+        terms = begin(list(theta), softness, dr.opaque(Float, noise), effort.fine, hyper)
+        return terms[0], terms[1 : 1 + n_unknown], terms[1 + n_unknown :]
+
+    cost, _, matrix = terms_at(theta)
+    scale = {}
+    if effort.priors:
+        posterior = find_posterior(theta, terms_at, grid, n_band, effort.priors, progress)
+        theta, covariance, scale = posterior.theta, posterior.covariance, posterior.scale
+    else:
+        covariance = _invert(np.stack([m.numpy() for m in matrix], axis=-1).astype(float), n_unknown)
+    theta = np.stack([t.numpy() for t in theta], axis=-1)
     gain, gain_sigma = None, None
     if thresholds:
         gain = np.exp(theta[:, -2:])
         gain_sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2)[:, -2:], 0))
     n_map = 2 + n_band
     return Solution(
-        theta[:, :n_map], covariance[:, :n_map, :n_map], terms[0].numpy(), noise, n_step, gain, gain_sigma
+        theta[:, :n_map], covariance[:, :n_map, :n_map], cost.numpy(), noise, n_step, gain, gain_sigma, scale
     )
 
 

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 
 from evsdr.event_terms import PairData, pack_phases, pack_slots
+from evsdr.grid import Grid, make_grid
 from evsdr.pairs import Pairs
 from evsdr.records import Recording
 from evsdr.shading import Illumination
@@ -26,14 +27,14 @@ class Problem:
         Their event pairs.
     illumination : Illumination
         What the LEDs send to them; its constant light is above 0.
-    neighbour : list of UInt32, (n_pixel) each
-        Right, left, upper and lower neighbour; the pixel itself where there is none.
+    grid : Grid
+        Their neighbours.
     """
 
     pixel: np.ndarray
     pairs: PairData
     illumination: Illumination
-    neighbour: list
+    grid: Grid
 
     @property
     def n_pixel(self) -> int:
@@ -79,7 +80,7 @@ def make_problem(recording: Recording, pairs: Pairs, light: Illumination, mask: 
             ),
         ),
         illumination=_of_pixels(light, mi.UInt32(pixel.astype(np.uint32))),
-        neighbour=neighbours(mask),
+        grid=make_grid(mask, mi.UInt32),
     )
 
 
@@ -88,15 +89,6 @@ def _of_list(offset: np.ndarray, mask: np.ndarray) -> tuple[mi.UInt32, np.ndarra
     count = np.diff(offset)
     kept = np.concatenate([[0], np.cumsum(count[mask.ravel()])])
     return mi.UInt32(kept.astype(np.uint32)), np.repeat(mask.ravel(), count)
-
-
-def neighbours(mask: np.ndarray) -> list[mi.UInt32]:
-    """Number, for each of four directions, the neighbour of every masked pixel; itself where there is none."""
-    number = np.full(mask.shape, -1)
-    number[mask] = own = np.arange(np.count_nonzero(mask))
-    padded = np.pad(number, 1, constant_values=-1)
-    shifted = (padded[1:-1, 2:], padded[1:-1, :-2], padded[:-2, 1:-1], padded[2:, 1:-1])
-    return [mi.UInt32(np.where(s[mask] >= 0, s[mask], own).astype(np.uint32)) for s in shifted]
 
 
 def _of_pixels(light: Illumination, pixel: mi.UInt32) -> Illumination:

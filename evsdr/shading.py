@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import drjit as dr
 
+from evsdr.grid import Grid
+
 
 @dataclass(frozen=True)
 class Illumination:
@@ -74,6 +76,42 @@ def led_signals(illumination: Illumination, normal, reflectance: list) -> list:
             illumination.direction, illumination.irradiance, illumination.band
         )
     ]
+
+
+def pixel_horizon(p, q, grid: Grid):
+    """Give the softness of the horizon that averages over a pixel of a curved surface.
+
+    n . l varies within a pixel; at the horizon the mean of max(0, n . l) over normally distributed values of standard
+    deviation s is s / sqrt(2 pi), which `soft_max0` gives for a softness of 0.8 s. Of a gradient of the normal g per
+    pixel, s^2 = |g|^2 / 12, and half of it lies along l.
+
+    Parameters
+    ----------
+    p, q : Float, (n_pixel)
+        Slopes.
+    grid : Grid
+        Neighbours, whose normals give the gradient.
+
+    Returns
+    -------
+    Float, (n_pixel)
+        Softness, 0 where there are no neighbours.
+    """
+    Float = type(p)
+    inv = dr.rsqrt(1.0 + p * p + q * q)
+    normal = [-p * inv, -q * inv, inv]
+    dr.eval(normal)
+    variance = dr.zeros(Float, dr.width(p))
+    for before, after in (("left", "right"), ("up", "down")):
+        pixels = dr.select(grid.exists[before], Float(1.0), 0.0) + dr.select(
+            grid.exists[after], Float(1.0), 0.0
+        )
+        change = sum(
+            dr.square(dr.gather(Float, n, grid.index[after]) - dr.gather(Float, n, grid.index[before]))
+            for n in normal
+        )
+        variance += change / dr.square(dr.maximum(pixels, 1.0)) / 24.0
+    return 0.8 * dr.sqrt(variance)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,112 @@
+"""The neighbours of the solved pixels, and finite differences between them."""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+
+PLACE = {  # (row, column); row 0 is the top
+    "right": (0, 1),
+    "left": (0, -1),
+    "up": (-1, 0),
+    "down": (1, 0),
+    "down_right": (1, 1),
+    "up_left": (-1, -1),
+}
+OPPOSITE = {"right": "left", "up": "down", "down_right": "up_left"}
+OPPOSITE |= {b: a for a, b in OPPOSITE.items()}
+NEXT = ("right", "left", "up", "down")
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Numbers of the neighbours of each solved pixel.
+
+    Attributes
+    ----------
+    mask : (height, width) bool
+        Where the pixels lie; they are numbered row after row.
+    index : dict of str to UInt32, (n_pixel)
+        The pixel at each of `PLACE`; the pixel itself where there is none.
+    exists : dict of str to Bool, (n_pixel)
+        Whether there is one.
+    """
+
+    mask: np.ndarray
+    index: dict
+    exists: dict
+
+
+def make_grid(mask: np.ndarray, UInt32: type) -> Grid:
+    """Number the masked pixels and find their neighbours.
+
+    Parameters
+    ----------
+    mask : (height, width) bool
+        Pixels that take part.
+    UInt32 : type
+        Dr.Jit type of the numbers.
+    """
+    number = np.full(mask.shape, -1)
+    number[mask] = own = np.arange(np.count_nonzero(mask))
+    height, width = mask.shape
+    padded = np.pad(number, 1, constant_values=-1)
+    index, exists = {}, {}
+    for name, (row, column) in PLACE.items():
+        at = padded[1 + row : 1 + row + height, 1 + column : 1 + column + width][mask]
+        index[name] = UInt32(np.where(at >= 0, at, own).astype(np.uint32))
+        exists[name] = UInt32((at >= 0).astype(np.uint32)) > 0
+    dr.eval(index, exists)
+    return Grid(mask, index, exists)
+
+
+@dataclass(frozen=True)
+class Stencil:
+    """A finite difference at every pixel whose neighbours all exist, and 0 elsewhere.
+
+    Attributes
+    ----------
+    weight : dict of str to float
+        What the neighbour at each of `PLACE` counts, and the pixel itself as `here`.
+    """
+
+    weight: dict
+
+    def valid(self, grid: Grid):
+        """Tell where all neighbours exist."""
+        there = [grid.exists[place] for place in self.weight if place != "here"]
+        out = there[0]
+        for also in there[1:]:
+            out = out & also
+        return out
+
+    def apply(self, grid: Grid, value):
+        """Take the difference of an evaluated array."""
+        return dr.select(self.valid(grid), self._sum(grid, value, self.weight), 0.0)
+
+    def adjoint(self, grid: Grid, value):
+        """Apply the transposed matrix to an evaluated array, which must be 0 where `valid` is not."""
+        back = {OPPOSITE.get(place, place): weight for place, weight in self.weight.items()}
+        return self._sum(grid, value, back)
+
+    def squared(self) -> "Stencil":
+        """Give the stencil that takes the variances of pixels to that of their difference."""
+        return Stencil({place: weight**2 for place, weight in self.weight.items()})
+
+    @staticmethod
+    def _sum(grid: Grid, value, weights: dict):
+        Float = type(value)
+        return sum(
+            weight
+            * (value if place == "here" else dr.gather(Float, value, grid.index[place], grid.exists[place]))
+            for place, weight in weights.items()
+        )
+
+
+SECOND_X = Stencil({"left": 1.0, "here": -2.0, "right": 1.0})
+SECOND_Y = Stencil({"up": 1.0, "here": -2.0, "down": 1.0})
+# Clockwise around the square of a pixel and its right, lower right and lower neighbours, the height gained is 0:
+# p = dz/dx along the top, -q = -dz/dy down on the right, -p along the bottom, q up on the left.
+AROUND_P = Stencil({"here": 0.5, "right": 0.5, "down": -0.5, "down_right": -0.5})
+AROUND_Q = Stencil({"here": 0.5, "right": -0.5, "down": 0.5, "down_right": -0.5})
+SQUARE_MEAN = Stencil({"here": 0.25, "right": 0.25, "down": 0.25, "down_right": 0.25})
