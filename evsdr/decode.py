@@ -15,6 +15,11 @@ from evsdr.scene import RingScene, surface_maps, trace_illumination
 from evsdr.shading import Illumination, LambertianRing
 
 KNOWN_SIGMA_DEG = 30.0  # a normal known worse than this is not known
+MODEL_NORMAL_DEG, MODEL_REFLECTANCE = 0.05, 0.01  # what the model leaves out: degrees, share of reflectance
+CURVED_NORMAL, CURVED_REFLECTANCE = (
+    1.4,
+    2.5,
+)  # the same, times the squared turn of the normal over a pixel [rad]
 DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
 FACING = 0.05  # cosine from which a surface that faces an LED should be lit
 
@@ -160,7 +165,10 @@ def assemble_maps(problem: Problem, solution: lm.Solution, shape: tuple[int, int
     reflectance = np.exp(theta[:, 2:])
     sigma = normal_sigma_deg(theta[:, 0], theta[:, 1], solution.covariance[:, :2, :2])
     variance = np.diagonal(solution.covariance, axis1=1, axis2=2)
-    reflectance_sigma = reflectance * np.sqrt(np.maximum(variance[:, 2:], 0))
+    turn = normal_turn(normal, problem.grid.mask)
+    sigma = np.sqrt(sigma**2 + MODEL_NORMAL_DEG**2 + np.degrees(CURVED_NORMAL * turn**2) ** 2)
+    relative = variance[:, 2:] + (MODEL_REFLECTANCE**2 + (CURVED_REFLECTANCE * turn**2) ** 2)[:, None]
+    reflectance_sigma = reflectance * np.sqrt(np.maximum(relative, 0))
     if ring.constant_light == 0:
         scale = 1 / reflectance.max(axis=1, keepdims=True)
         reflectance, reflectance_sigma = reflectance * scale, reflectance_sigma * scale
@@ -188,6 +196,20 @@ def assemble_maps(problem: Problem, solution: lm.Solution, shape: tuple[int, int
     maps.reflectance[fill] = maps.reflectance[tuple(nearest[:, fill])]
     maps.normal[~solved] = (0, 0, 1)
     return maps
+
+
+def normal_turn(normal: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Give the angle by which the normal turns over each pixel (n_pixel) [rad], from its neighbours (n_pixel, 3)."""
+    image = np.full((*mask.shape, 3), np.nan)
+    image[mask] = normal
+    square = np.zeros(mask.shape)
+    for axis in (0, 1):
+        step = np.linalg.norm(np.diff(image, axis=axis), axis=-1)
+        sides = [np.insert(step, place, np.nan, axis=axis) for place in (0, step.shape[axis])]
+        both = np.stack(sides)
+        known = np.isfinite(both).sum(axis=0)
+        square += (np.nansum(both, axis=0) / np.maximum(known, 1)) ** 2
+    return np.sqrt(square[mask])
 
 
 def normal_sigma_deg(p: np.ndarray, q: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -33,6 +33,12 @@ FIRST_THRESHOLD_SIGMA = (0.3, 0.3)  # of the log of unknown thresholds, before t
 N_EXPECTATION = 8  # rounds of expectation maximisation
 SAMPLE = 4000  # pixels that stand for all in it
 HARD = 1e-3  # softness of a horizon that is hard for all purposes
+NOISE_RANGE = (0.005, 1.0)  # of the relative residual
+N_SHOWN = 32  # pairs of a pixel that show its noise
+MISFIT, IGNORED = (
+    3.0,
+    100.0,
+)  # noise of a pixel, relative to most, that the model doesn't explain; what it gets then
 LARGEST_SLOPE, LOG_REFLECTANCE_RANGE = 30.0, (-9.0, 1.5)
 
 
@@ -95,7 +101,9 @@ class Solution:
     cost : (n_pixel,) float32
         Robust cost, prior included.
     noise : float
-        Standard deviation of the relative residual, measured.
+        Standard deviation of the relative residual in most pixels, measured.
+    noise_factor : (n_pixel,) float32
+        How much larger it is in each pixel; `IGNORED` where the model explains little.
     n_step : int
         Steps made.
     threshold_gain : (n_pixel, 2) float32, optional
@@ -110,6 +118,7 @@ class Solution:
     covariance: np.ndarray
     cost: np.ndarray
     noise: float
+    noise_factor: np.ndarray
     n_step: int
     threshold_gain: np.ndarray | None = None
     threshold_gain_sigma: np.ndarray | None = None
@@ -231,14 +240,29 @@ def solve(
         last = dr.gather(UInt32, pairs.offset, pixel + 1)
         return dr.while_loop((first, out), lambda k, _: k < last, body, label="residuals")[1]
 
-    counts = np.diff(pairs.offset.numpy())
-    freedom = np.sqrt(max(counts.sum(), 1) / max(counts.sum() - n_unknown * np.count_nonzero(counts), 1))
+    first, counts = pairs.offset.numpy()[:-1].astype(np.int64), np.diff(pairs.offset.numpy().astype(np.int64))
+    paired = np.flatnonzero(counts)
+    shown = first[paired, None] + counts[paired, None] * np.arange(N_SHOWN) // N_SHOWN
+    freedom = np.minimum(np.sqrt(counts / np.maximum(counts - n_unknown, 1)), 2.0)[paired]
+
+    def scatter_of_pixels(theta, softness) -> np.ndarray:
+        """Standard deviation of u in each pixel that has pairs, by the median of some |u|."""
+        softness = softness if isinstance(softness, Float) else dr.opaque(Float, softness)
+        u = residuals(theta, softness).numpy()[shown]
+        return 1.4826 * np.median(u, axis=1) * freedom
 
     def measure_noise(theta, softness) -> float:
-        """Standard deviation of u by the median absolute residual, corrected for the freedom of the fit."""
-        softness = softness if isinstance(softness, Float) else dr.opaque(Float, softness)
-        u = np.asarray(residuals(theta, softness).numpy())
-        return float(np.clip(1.4826 * np.median(u) * min(freedom, 2.0), 0.005, 1.0))
+        """Standard deviation of u in most pixels: hot ones fire most events."""
+        return float(np.clip(np.median(scatter_of_pixels(theta, softness)), *NOISE_RANGE))
+
+    def noise_factors(theta, softness, noise) -> np.ndarray:
+        """Say how much noisier a pixel is than most, at least 1; what its own few pairs say is shrunk toward 1."""
+        own = np.minimum(scatter_of_pixels(theta, softness) / noise, 10)
+        factor = np.ones(len(counts), np.float32)
+        weight = np.minimum(counts[paired], N_SHOWN)
+        factor[paired] = np.maximum((N_SHOWN + weight * own) / (N_SHOWN + weight), 1)
+        factor[paired[(own > MISFIT) & (counts[paired] > n_unknown)]] = IGNORED
+        return factor
 
     def horizon(theta):
         """Give each pixel's softness: as its surface is curved within it."""
@@ -307,10 +331,12 @@ def solve(
     theta, terms = descend(theta, HARD, noise, effort.n_final, "refinement", effort.fine)
     softness = horizon(theta) if effort.fine else dr.opaque(Float, HARD)
     noise = measure_noise(theta, softness)
+    factor = noise_factors(theta, softness, noise)
+    noise_of_pixel = Float(noise * factor)
 
     def terms_at(theta):
         softness = horizon(theta) if effort.fine else dr.opaque(Float, HARD)
-        terms = begin(list(theta), softness, dr.opaque(Float, noise), effort.fine, hyper)
+        terms = begin(list(theta), softness, noise_of_pixel, effort.fine, hyper)
         return terms[0], terms[1 : 1 + n_unknown], terms[1 + n_unknown :]
 
     cost, _, matrix = terms_at(theta)
@@ -327,7 +353,15 @@ def solve(
         gain_sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2)[:, -2:], 0))
     n_map = 2 + n_band
     return Solution(
-        theta[:, :n_map], covariance[:, :n_map, :n_map], cost.numpy(), noise, n_step, gain, gain_sigma, scale
+        theta[:, :n_map],
+        covariance[:, :n_map, :n_map],
+        cost.numpy(),
+        noise,
+        factor,
+        n_step,
+        gain,
+        gain_sigma,
+        scale,
     )
 
 
