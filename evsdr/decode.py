@@ -16,10 +16,8 @@ from evsdr.shading import Illumination, LambertianRing
 
 KNOWN_SIGMA_DEG = 30.0  # a normal known worse than this is not known
 MODEL_NORMAL_DEG, MODEL_REFLECTANCE = 0.05, 0.01  # what the model leaves out: degrees, share of reflectance
-CURVED_NORMAL, CURVED_REFLECTANCE = (
-    1.4,
-    2.5,
-)  # the same, times the squared turn of the normal over a pixel [rad]
+# the same, times the squared turn of the normal over a pixel [rad]
+CURVED_NORMAL, CURVED_REFLECTANCE = 0.2, 0.5
 DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
 FACING = 0.05  # cosine from which a surface that faces an LED should be lit
 
@@ -94,6 +92,7 @@ def solve(
     problem: Problem,
     start_normal: np.ndarray,
     options,
+    priors: tuple[str, ...],
     estimate_thresholds: bool = False,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> lm.Solution:
@@ -105,12 +104,15 @@ def solve(
         Start values, camera frame.
     options : fit.Options
         `solver`, `preset`, `shadows` and `seed` count.
+    priors : tuple of str
+        Of `priors.PARTS`: what pixels tell of each other.
     estimate_thresholds : bool
         Whether each pixel's contrast thresholds are unknown, too.
     """
     light = problem.illumination
     normal = start_normal.reshape(-1, 3)[problem.pixel]
     effort = lm.PRESETS[options.preset]
+    effort = replace(effort, priors=replace(effort.priors, parts=priors) if priors else None)
     if options.shadows == "downweight":
         effort = replace(effort, robust=DOWNWEIGHT_ROBUST)
     reflectance = np.full((problem.n_pixel, light.n_band), lm.REFLECTANCE_CENTRE, np.float32)

@@ -43,6 +43,9 @@ class Options:
     thresholds: Literal["auto", "known", "estimate"] = "auto"
     """Contrast thresholds: as the recording tells, or estimated per pixel; auto estimates them where it tells
     one value for all pixels."""
+    priors: str = "normal,integrable,reflectance,spectra"
+    """What pixels tell of each other, or none: smooth normals, slopes of one surface, smooth reflectance, spectra
+    of few kinds. Edges stay, and the data decide how strong each is."""
     init: Literal["frontal", "geometry"] = "frontal"
     """Start value of the normals."""
     mask: Path | None = None
@@ -60,6 +63,7 @@ class Options:
 SAMPLES = {"fast": 4, "balanced": 16, "accurate": 64}  # rays per pixel for visibility
 SHADOW_SHARE = 1e-3  # of (pixel, LED) that face each other, from which shadows are worth their rays
 WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
+PRIORS = ("normal", "integrable", "reflectance", "spectra")
 MAX_BANDS = 40  # of the per-pixel systems
 THRESHOLDS = (1e-3, 10.0)  # of natural log intensity, outside of which no event pixel is
 MISFIT = 0.5  # relative threshold noise above which events and scene contradict each other
@@ -118,6 +122,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
     if options.shadows == "estimate":
         raise InputError("--shadows estimate is not available yet; use scene, downweight or off.")
     check_range("--seed", options.seed, 0)
+    parts = parse_priors(options.priors)
     with stages.stage("start"):
         from evsdr import jit
 
@@ -162,7 +167,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
         problem = make_problem(recording, pairs, light, mask)
     estimate, thresholds = decode.choose_thresholds(options.thresholds, options.solver, recording, ring)
     with stages.stage("solve") as advance:
-        solution = decode.solve(problem, start_normal, options, estimate, advance)
+        solution = decode.solve(problem, start_normal, options, parts, estimate, advance)
     maps = decode.assemble_maps(problem, solution, mask.shape, ring)
     if not maps.mask.any():
         warnings.warn(
@@ -206,6 +211,10 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
             "silence": "used: between events log I stays within the thresholds"
             if options.solver == "lm"
             else "not used: the solver adam looks at events only",
+            "event times": "their density counts, with its slope term"
+            if options.solver == "lm"
+            else "not used",
+            "neighbours": prior_note(parts, solution) if options.solver == "lm" else "blurred, as published",
             "contrast thresholds": thresholds,
             "scale": decode.scale_note(ring),
         },
@@ -224,6 +233,31 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
         summary["error"] = score(maps, truth)
         summary |= summary["error"]
     return maps, summary
+
+
+def parse_priors(text: str) -> tuple[str, ...]:
+    """Read the names of priors."""
+    names = tuple(name.strip() for name in text.split(",")) if text != "none" else ()
+    for name in names:
+        if name not in PRIORS:
+            raise InputError(
+                f"--priors {text}: there is no {name!r}; name some of {', '.join(PRIORS)}, or none."
+            )
+    return names
+
+
+def prior_note(parts: tuple[str, ...], solution) -> str:
+    """Say which priors count, and how strong the data make them."""
+    if not parts:
+        return "each pixel alone: asked for by --priors none"
+    what = {
+        "normal": "normals bend by {:.2g} per pixel squared",
+        "integrable": "slopes around four pixels add up to {:.2g}",
+        "reflectance": "log reflectances bend by {:.2g}",
+        "rank": "spectra vary visibly in {} directions",
+    }
+    found = [what[name].format(value) for name, value in solution.prior_scale.items()]
+    return "; ".join(found) or "too few pixels to learn from"
 
 
 def check_fit(ring, recording: Recording, options: Options) -> None:
