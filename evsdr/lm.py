@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import numpy as np
+from scipy import ndimage
 
 from evsdr import ldl
 from evsdr.event_terms import (
@@ -60,8 +61,8 @@ class Effort:
     robust : float
         Width of the Cauchy cost in standard deviations.
     fine : bool
-        Whether the last steps also use that no event fired, the density of event times, and a horizon as soft as
-        the surface within a pixel is curved.
+        Whether the last steps also use that no event fired, the density of event times, and, where the events
+        agree, a horizon as soft as the surface within a pixel is curved.
     priors : Priors, optional
         What pixels tell of each other; None leaves each alone.
     """
@@ -275,7 +276,7 @@ def solve(
     def descend(theta, softness, noise, count, stage=None, fine=False):
         nonlocal n_step
         noise = dr.opaque(Float, noise)
-        softness = horizon(theta) if fine else dr.opaque(Float, softness)
+        softness = softness if isinstance(softness, Float) else dr.opaque(Float, softness)
         terms = begin(theta, softness, noise, fine, hyper)
         damping = dr.full(Float, 1e-2, dr.width(theta[0]))
         dr.make_opaque(damping)
@@ -329,19 +330,28 @@ def solve(
         progress("thresholds", (round_ + 1) / N_EXPECTATION)
     noise = measure_noise(theta, HARD)
     theta, terms = descend(theta, HARD, noise, effort.n_final, "refinement", effort.fine)
-    softness = horizon(theta) if effort.fine else dr.opaque(Float, HARD)
-    noise = measure_noise(theta, softness)
-    factor = noise_factors(theta, softness, noise)
+    curved = False
+    if effort.fine:
+        curved_theta, curved_terms = descend(theta, horizon(theta), noise, effort.n_try, None, True)
+        curved = float(dr.sum(curved_terms[0] - terms[0])[0]) < 0
+        theta = curved_theta if curved else theta
+
+    def softness_at(theta):
+        return horizon(theta) if curved else dr.opaque(Float, HARD)
+
+    noise = measure_noise(theta, softness_at(theta))
+    factor = noise_factors(theta, softness_at(theta), noise)
     noise_of_pixel = Float(noise * factor)
 
     def terms_at(theta):
-        softness = horizon(theta) if effort.fine else dr.opaque(Float, HARD)
+        softness = softness_at(theta)
         terms = begin(list(theta), softness, noise_of_pixel, effort.fine, hyper)
         return terms[0], terms[1 : 1 + n_unknown], terms[1 + n_unknown :]
 
     cost, _, matrix = terms_at(theta)
     scale = {}
     if effort.priors:
+        theta = _fill(theta, (factor < IGNORED) & (counts > 0), grid.mask)
         posterior = find_posterior(theta, terms_at, grid, n_band, effort.priors, progress)
         theta, covariance, scale = posterior.theta, posterior.covariance, posterior.scale
     else:
@@ -363,6 +373,17 @@ def solve(
         gain_sigma,
         scale,
     )
+
+
+def _fill(theta: list, good: np.ndarray, mask: np.ndarray) -> list:
+    """Give each pixel that is not good the unknowns of the nearest one that is."""
+    if good.all() or not good.any():
+        return theta
+    number, image = np.zeros(mask.shape, np.uint32), np.zeros(mask.shape, bool)
+    number[mask], image[mask] = np.arange(len(good)), good
+    nearest = ndimage.distance_transform_edt(~image, return_distances=False, return_indices=True)
+    index = dr.uint32_array_t(type(theta[0]))(number[tuple(nearest)][mask])
+    return [dr.gather(type(t), t, index) for t in theta]
 
 
 def _invert(triangle: np.ndarray, n: int) -> np.ndarray:

@@ -4,9 +4,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from analytic import lambert_signals, ring_directions, sphere_normals
-from test_lm import C_W, SPECTRUM, errors, solve, sphere_problem
+from test_lm import ALONE, C_W, SPECTRUM, errors, solve, sphere_problem
 
-from evsdr import lm
 from evsdr.bound import event_pair_bound, invert_information
 from evsdr.errors import InputError
 from evsdr.event_pixel import EventPixel, simulate_events
@@ -93,7 +92,7 @@ def test_the_solver_reaches_the_bound_over_noise_seeds():
     relative, relative_reflectance = [], []
     for seed in range(20):
         problem, truth = sphere_problem(size, event_noise=0.1, seed=seed)
-        angle, difference = errors(solve(problem, lm.Effort(silence=False)), truth)
+        angle, difference = errors(solve(problem, replace(ALONE, fine=False)), truth)
         relative.append((angle / bound.normal_sigma_deg[mask])[inner])
         relative_reflectance.append((difference / bound.reflectance_sigma[mask])[inner])
     for values in (np.array(relative), np.array(relative_reflectance)):

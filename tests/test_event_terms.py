@@ -13,6 +13,8 @@ from evsdr.event_terms import (
     pack_slots,
     relative_residual,
     SILENT_MARGIN,
+    SMALLEST_SLOPE,
+    gaussian_share,
     signal_table,
     silence_equations,
     unpack_pair,
@@ -195,3 +197,55 @@ def test_threshold_derivatives_are_those_of_finite_differences(scene):
             numeric = (above - below).astype(float) / 2e-3
             np.testing.assert_allclose(gradient[2 + N_BAND + i].numpy(), numeric, rtol=0.02, atol=0.05)
         assert np.abs(gradient[-1].numpy()).max() > 1
+
+
+@pytest.mark.parametrize("thresholds", [False, True])
+def test_the_slope_term_is_the_density_of_event_times(scene, thresholds):
+    """Cost -log p_k df/dt / C and its gradient by finite differences of a plain loop."""
+    signal, by_p, by_q, offset, start, end, polarity, on, off, pairs = scene
+    i = 3
+    rows = [[mi.Float(row) for row in table] for table in (signal, by_p, by_q)]
+    table = derivative_table(*rows, BAND, N_PIXEL)
+    given = (
+        table,
+        pairs,
+        mi.Float(C_W),
+        mi.UInt32(N_PIXEL),
+        N_BAND,
+        mi.Float(SCALE),
+        mi.Float(ROBUST),
+        thresholds,
+    )
+    with_term, without = normal_equations(*given, 0.7), normal_equations(*given)
+
+    def cost(change):
+        """The slope term of pixel i when p, q, log reflectances and log thresholds change."""
+        lit = signal[:, i] + by_p[:, i] * change[0] + by_q[:, i] * change[1]
+        lit = lit * np.exp(change[2:][BAND])
+        total = 0.0
+        for k in range(offset[i], offset[i + 1]):
+            slot, phase = int(end[k]) % len(ORDER), float(end[k])
+            led = np.append(lit, 0)  # number -1 is darkness
+            speed = polarity[k] * (led[ORDER[(slot + 1) % len(ORDER)]] - led[ORDER[slot]])
+            speed /= mixture(phase) @ lit + C_W
+            threshold = (on if polarity[k] > 0 else off)[i] * np.exp(
+                change[2 + N_BAND + (polarity[k] < 0)] if thresholds else 0
+            )
+            total -= np.log(
+                0.5 * (speed + np.hypot(speed, SMALLEST_SLOPE)) / (threshold if thresholds else 1)
+            )
+        return 0.7 * total
+
+    n = 2 + N_BAND + 2 * thresholds
+    assert with_term[0].numpy()[i] - without[0].numpy()[i] == pytest.approx(cost(np.zeros(n)), rel=2e-3)
+    steps = 1e-5 * np.eye(n)
+    expected = [(cost(s) - cost(-s)) / 2e-5 for s in steps]
+    found = [(a.numpy() - b.numpy())[i] for a, b in zip(with_term[1], without[1])]
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
+
+
+def test_the_slope_term_balances_robust_residuals_on_average(rng):
+    """Of Gaussian residuals z, Cauchy's z psi(z) has the mean that weighs the slope term."""
+    z = rng.normal(size=400_000)
+    assert gaussian_share(3.0) == pytest.approx(np.mean(z**2 / (1 + z**2 / 9)), rel=0.01)
+    assert gaussian_share(1e4) == pytest.approx(1.0, rel=1e-6)

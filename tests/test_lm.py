@@ -11,11 +11,12 @@ from evsdr.decode import normal_sigma_deg, to_theta
 from evsdr.event_pixel import EventPixel, simulate_events
 from evsdr.metrics import angular_error_deg
 from evsdr.pairs import pair_events
-from evsdr.problem import make_problem, neighbours
+from evsdr.problem import make_problem
 from evsdr.records import Recording, Schedule, Sensor
 from evsdr.shading import Illumination, LambertianRing
 
 C_W = 0.05
+ALONE = lm.Effort(priors=None)  # each pixel by itself
 SPECTRUM = np.array([0.1, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.6])
 
 
@@ -58,36 +59,18 @@ def sphere_problem(size: int, event_noise: float, seed: int = 0, threshold: floa
     return make_problem(recording, pair_events(recording, mask), light, mask), normal[mask]
 
 
-def solve(problem, effort=lm.Effort(), start=None, thresholds=False):
+def solve(problem, effort=ALONE, start=None, thresholds=False):
     n = problem.n_pixel
     start = start or to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25))
     start += [dr.zeros(mi.Float, n) for _ in range(2 if thresholds else 0)]
     light = problem.illumination
-    return lm.solve(
-        LambertianRing(light), problem.pairs, light.constant_light, start, problem.neighbour, effort
-    )
+    return lm.solve(LambertianRing(light), problem.pairs, light.constant_light, start, problem.grid, effort)
 
 
 def errors(solution, truth, spectrum=SPECTRUM):
     p, q = solution.theta[:, 0], solution.theta[:, 1]
     normal = np.column_stack([-p, -q, np.ones_like(p)])
     return angular_error_deg(normal, truth), np.exp(solution.theta[:, 2:]) - spectrum
-
-
-def test_ldl_solves_damped_systems(rng):
-    n, n_pixel, damping = 7, 50, 0.3
-    root = rng.normal(size=(n_pixel, n, n))
-    matrix = root @ np.swapaxes(root, 1, 2) + 0.1 * np.eye(n)
-    right = rng.normal(size=(n_pixel, n))
-    rows, columns = np.tril_indices(n)
-    x = lm.solve_ldl(
-        [mi.Float(matrix[:, i, j].astype(np.float32)) for i, j in zip(rows, columns)],
-        [mi.Float(right[:, i].astype(np.float32)) for i in range(n)],
-        mi.Float(damping),
-    )
-    damped = matrix + damping * matrix * np.eye(n)
-    expected = np.linalg.solve(damped, right[..., None])[..., 0]
-    np.testing.assert_allclose(np.array([v.numpy() for v in x]).T, expected, rtol=5e-3, atol=5e-3)
 
 
 def test_exact_events_give_exact_maps():
@@ -118,7 +101,9 @@ def test_no_pixel_stays_where_a_better_start_exists():
     problem, truth = sphere_problem(40, event_noise=0.1)
     reached = solve(problem)
     n = problem.n_pixel
-    best = solve(problem, lm.Effort(stages=((lm.HARD, 0.1, 10),)), to_theta(truth, np.tile(SPECTRUM, (n, 1))))
+    best = solve(
+        problem, replace(ALONE, stages=((lm.HARD, 0.1, 10),)), to_theta(truth, np.tile(SPECTRUM, (n, 1)))
+    )
     assert np.mean(reached.cost > best.cost + 1) < 0.005
 
 
@@ -127,7 +112,7 @@ def test_silence_informs():
     spectrum = np.array([0.03, 0.02, 0.04, 0.5, 0.03, 0.6, 0.03, 0.02])
     problem, truth = sphere_problem(40, event_noise=0.1, threshold=0.4, spectrum=spectrum)
     _, difference = errors(solve(problem), truth, spectrum)
-    _, deaf_difference = errors(solve(problem, replace(lm.Effort(), silence=False)), truth, spectrum)
+    _, deaf_difference = errors(solve(problem, replace(ALONE, fine=False)), truth, spectrum)
     dark = spectrum < 0.1
     assert np.abs(difference[:, dark]).mean() < 0.7 * np.abs(deaf_difference[:, dark]).mean()
 
@@ -168,19 +153,10 @@ def test_a_fixed_pattern_of_thresholds_is_found(rng):
 
 def test_the_hard_horizon_alone_gets_stuck_and_other_starts_free_it():
     problem, truth = sphere_problem(32, event_noise=0.1)
-    direct = solve(problem, lm.Effort(stages=((lm.HARD, 0.3, 20),), n_sweep=0))
-    freed = solve(problem, lm.Effort(stages=((lm.HARD, 0.3, 20),), n_sweep=4))
+    direct = solve(problem, replace(ALONE, stages=((lm.HARD, 0.3, 20),), n_sweep=0))
+    freed = solve(problem, replace(ALONE, stages=((lm.HARD, 0.3, 20),), n_sweep=4))
     assert np.mean(freed.cost) < np.mean(direct.cost) - 1
     assert errors(freed, truth)[0].mean() < errors(direct, truth)[0].mean()
-
-
-def test_neighbours_are_the_adjacent_masked_pixels():
-    mask = np.array([[1, 1, 0], [0, 1, 1]], bool)
-    right, left, up, down = (n.numpy() for n in neighbours(mask))
-    np.testing.assert_array_equal(right, [1, 1, 3, 3])
-    np.testing.assert_array_equal(left, [0, 0, 2, 2])
-    np.testing.assert_array_equal(up, [0, 1, 1, 3])
-    np.testing.assert_array_equal(down, [0, 2, 2, 3])
 
 
 def test_sigma_of_slopes_is_the_angle_that_sampling_shows(rng):

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from analytic import lambert_signals, ring_directions
 
-from evsdr.shading import Illumination, LambertianRing, led_signals, soft_max0, soft_max0_derivative
+from evsdr.grid import make_grid
+from evsdr.shading import (
+    Illumination,
+    LambertianRing,
+    led_signals,
+    pixel_horizon,
+    soft_max0,
+    soft_max0_derivative,
+)
 
 
 def make_ring(visibility=1.0) -> Illumination:
@@ -76,3 +84,24 @@ def test_the_hard_model_agrees_with_automatic_differentiation_of_led_signals(sur
         by_p[3].numpy()[away_from_horizon], dr.grad(slope).numpy()[away_from_horizon], rtol=1e-3, atol=1e-5
     )
     assert away_from_horizon.sum() > 100
+
+
+def test_the_pixel_horizon_is_the_mean_over_a_curved_pixel():
+    """A cylinder lit at grazing angle: max(0, n . l) averaged over each pixel, by many samples."""
+    size, radius = 40, 12.0  # pixels
+    x = (np.arange(size * 50) + 0.5) / 50 - size / 2
+    inside = np.abs(x) < 0.95 * radius
+    tilt = np.where(inside, np.arcsin(np.clip(x / radius, -1, 1)), 0)
+    cosine = np.cos(tilt + np.radians(60))
+    fine = np.maximum(cosine, 0).reshape(size, 50).mean(axis=1)
+    middle = tilt.reshape(size, 50).mean(axis=1)
+    rows = np.tile(np.tan(-middle), (3, 1)).astype(np.float32)  # slopes p of a surface that bends along x
+    grid = make_grid(np.ones((3, size), bool), mi.UInt32)
+    soft = pixel_horizon(mi.Float(rows.ravel()), dr.zeros(mi.Float, rows.size), grid)
+    centre = mi.Float(np.tile(np.cos(middle + np.radians(60)), 3).astype(np.float32))
+    softened = soft_max0(centre, dr.maximum(soft, 1e-3)).numpy()[size : 2 * size]
+    at_horizon = np.abs(centre.numpy()[:size]) < 0.06
+    at_horizon &= inside.reshape(size, 50).all(axis=1)
+    assert at_horizon.any()
+    hard = np.maximum(centre.numpy()[:size], 0)
+    assert np.abs(softened - fine)[at_horizon].max() < 0.5 * np.abs(hard - fine)[at_horizon].max()
