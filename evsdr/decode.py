@@ -11,6 +11,7 @@ from scipy import ndimage
 from evsdr import adam, lm
 from evsdr.problem import Problem
 from evsdr.records import Maps, Recording
+from evsdr.refractory import find_refractory
 from evsdr.scene import RingScene, surface_maps, trace_illumination
 from evsdr.shading import Illumination, LambertianRing
 
@@ -247,6 +248,29 @@ def choose_thresholds(asked: str, solver: str, recording: Recording, ring: RingS
     if per_pixel:
         return False, "as told: the recording holds those of each pixel"
     return True, "estimated per pixel: the recording tells one value for all"
+
+
+def choose_refractory(
+    asked: str, recording: Recording, problem: Problem, thresholds: bool
+) -> tuple[Recording, dict]:
+    """Decide which refractory period counts, and say why.
+
+    Parameters
+    ----------
+    asked : str
+        `known`, `estimate` or `auto`.
+    thresholds : bool
+        Whether contrast thresholds are unknown, too.
+    """
+    told = recording.sensor.refractory_us
+    report = {"told_us": None if "refractory_us" in recording.sensor.guessed else told, "found_us": None}
+    if asked == "known" or (asked == "auto" and report["told_us"] is not None):
+        return recording, report
+    found = find_refractory(recording, problem, thresholds)
+    if found is None:
+        return recording, report
+    sensor = replace(recording.sensor, refractory_us=found[0])
+    return replace(recording, sensor=sensor), report | {"found_us": found[0], "sigma_us": found[1]}
 
 
 def sensor_summary(recording: Recording, solution: lm.Solution, known: np.ndarray) -> dict:

@@ -18,7 +18,7 @@ Nothing here knows Mitsuba.
 """
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import numpy as np
@@ -56,6 +56,23 @@ class PairData:
     slot_leds: object
     silent_offset: object = None
     silent_phases: object = None
+
+
+def without(pairs: PairData, ignored: np.ndarray) -> PairData:
+    """Leave out all events and silences of some pixels, ignored (n_pixel) bool."""
+
+    def part(offset, phases):
+        count = np.diff(offset.numpy().astype(np.int64))
+        kept = np.repeat(~ignored, count)
+        new = np.concatenate([[0], np.cumsum(np.where(ignored, 0, count))]).astype(np.uint32)
+        return type(offset)(new), type(phases)(phases.numpy().reshape(-1, 2)[kept].ravel())
+
+    offset, phases = part(pairs.offset, pairs.phases)
+    pairs = replace(pairs, offset=offset, phases=phases)
+    if pairs.silent_offset is None:
+        return pairs
+    silent_offset, silent_phases = part(pairs.silent_offset, pairs.silent_phases)
+    return replace(pairs, silent_offset=silent_offset, silent_phases=silent_phases)
 
 
 def pack_phases(start: np.ndarray, end: np.ndarray, polarity: np.ndarray) -> np.ndarray:

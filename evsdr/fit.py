@@ -2,7 +2,7 @@
 
 import sys
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -43,6 +43,9 @@ class Options:
     thresholds: Literal["auto", "known", "estimate"] = "auto"
     """Contrast thresholds: as the recording tells, or estimated per pixel; auto estimates them where it tells
     one value for all pixels."""
+    refractory: Literal["auto", "known", "estimate"] = "auto"
+    """Refractory period of the sensor: as the recording tells, or estimated; auto estimates it where the recording
+    does not tell it."""
     priors: str = "normal,integrable,reflectance,spectra"
     """What pixels tell of each other, or none: smooth normals, slopes of one surface, smooth reflectance, spectra
     of few kinds. Edges stay, and the data decide how strong each is."""
@@ -63,6 +66,8 @@ class Options:
 SAMPLES = {"fast": 4, "balanced": 16, "accurate": 64}  # rays per pixel for visibility
 SHADOW_SHARE = 1e-3  # of (pixel, LED) that face each other, from which shadows are worth their rays
 WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
+CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
+CONTRARY_SHARE = 0.01  # of the pixels, from which they are worth a warning
 PRIORS = ("normal", "integrable", "reflectance", "spectra")
 MAX_BANDS = 40  # of the per-pixel systems
 THRESHOLDS = (1e-3, 10.0)  # of natural log intensity, outside of which no event pixel is
@@ -127,7 +132,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
         from evsdr import jit
 
         jit.start("cuda_ad_spectral" if options.device == "gpu" else "llvm_ad_spectral")
-        from evsdr import decode
+        from evsdr import decode, faults
         from evsdr import scene as scenes
         from evsdr.problem import make_problem
     with stages.stage("read events"):
@@ -166,8 +171,31 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
             raise InputError(f"{options.events}: {error}") from error
         problem = make_problem(recording, pairs, light, mask)
     estimate, thresholds = decode.choose_thresholds(options.thresholds, options.solver, recording, ring)
+    with stages.stage("check recording"):
+        hot = faults.impossible_rate(recording, light)
+        recording, refractory = decode.choose_refractory(options.refractory, recording, problem, estimate)
+        if refractory["found_us"] is not None:
+            pairs = pair_events(recording, mask)
+        problem = make_problem(recording, pairs, light, mask, hot)
     with stages.stage("solve") as advance:
         solution = decode.solve(problem, start_normal, options, parts, estimate, advance)
+        fault = (
+            faults.find_fault(problem.pairs, problem.illumination, solution)
+            if options.solver == "lm"
+            else None
+        )
+        if fault:
+            warnings.warn(
+                InputWarning(
+                    f"{options.events}: {fault}, say the events, and the fit took that for true; "
+                    "check the ring and schedule/order."
+                )
+            )
+            order = fault.mend(recording.schedule.order)
+            recording = replace(recording, schedule=replace(recording.schedule, order=order))
+            problem = make_problem(recording, pairs, light, mask, hot)
+            solution = decode.solve(problem, start_normal, options, parts, estimate, advance)
+    warn_of_hot_pixels(options.events, pairs, problem, solution, hot)
     maps = decode.assemble_maps(problem, solution, mask.shape, ring)
     if not maps.mask.any():
         warnings.warn(
@@ -226,13 +254,33 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
             "pixels_known": int(np.count_nonzero(maps.mask)),
             "steps": solution.n_step,
         },
-        "sensor": sensor,
+        "sensor": sensor | {"refractory_us": refractory},
         "residual": {"relative_threshold_noise": solution.noise},
     }
     if truth is not None:
         summary["error"] = score(maps, truth)
         summary |= summary["error"]
     return maps, summary
+
+
+def warn_of_hot_pixels(path: Path, pairs, problem, solution, hot: np.ndarray) -> None:
+    """Say how many pixels fire events that the light does not explain."""
+    contrary = hot.ravel()[problem.pixel] | (solution.noise_factor > CONTRARY)
+    if contrary.mean() < CONTRARY_SHARE:
+        return
+    count = np.diff(pairs.offset.astype(np.int64))[problem.pixel]
+    often = np.median(count[contrary]) > 2 * np.median(count[~contrary]) if not contrary.all() else False
+    cause = (
+        "they fire more often than the others, so they are probably hot: mask them in the camera"
+        if often
+        else "gloss, a shadow that is not modelled, or other light may be the cause"
+    )
+    warnings.warn(
+        InputWarning(
+            f"{path}: {contrary.mean():.0%} of the pixels fire events that the light of the ring does not explain; "
+            f"{cause}. Their values come from their neighbours."
+        )
+    )
 
 
 def parse_priors(text: str) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from evsdr.event_terms import (
     relative_residual,
     signal_table,
     silence_equations,
+    without,
 )
 from evsdr.frozen import no_garbage_collection
 from evsdr.grid import NEXT, Grid
@@ -61,8 +62,10 @@ class Effort:
     robust : float
         Width of the Cauchy cost in standard deviations.
     fine : bool
-        Whether the last steps also use that no event fired, the density of event times, and, where the events
-        agree, a horizon as soft as the surface within a pixel is curved.
+        Whether the last steps also use the density of event times, silence, each pixel's own noise, and, where the
+        events agree, a horizon as soft as the surface within a pixel is curved.
+    silence : bool
+        Whether that no event fired counts in them.
     priors : Priors, optional
         What pixels tell of each other; None leaves each alone.
     """
@@ -73,6 +76,7 @@ class Effort:
     n_final: int = 6
     robust: float = 3.0
     fine: bool = True
+    silence: bool = True
     priors: Priors | None = Priors()
 
 
@@ -188,7 +192,7 @@ def solve(
         table = derivative_table(*signals, model.illumination.band, dr.width(theta[0]))
         given = table, at_thresholds(theta), constant_light, n_pixel, n_band, noise, effort.robust, thresholds
         cost, gradient, matrix = normal_equations(*given, slope_term if fine else 0.0)
-        if fine:
+        if fine and effort.silence:
             silent_cost, silent_gradient, silent_matrix = silence_equations(*given)
             cost += silent_cost
             gradient = [a + b for a, b in zip(gradient, silent_gradient)]
@@ -340,22 +344,27 @@ def solve(
         return horizon(theta) if curved else dr.opaque(Float, HARD)
 
     noise = measure_noise(theta, softness_at(theta))
-    factor = noise_factors(theta, softness_at(theta), noise)
+    factor = (
+        noise_factors(theta, softness_at(theta), noise) if effort.fine else np.ones(len(counts), np.float32)
+    )
     noise_of_pixel = Float(noise * factor)
+    cost = begin(theta, softness_at(theta), dr.opaque(Float, noise), effort.fine, hyper)[0]
+    if (factor == IGNORED).any():
+        pairs = without(pairs, factor == IGNORED)
 
     def terms_at(theta):
         softness = softness_at(theta)
         terms = begin(list(theta), softness, noise_of_pixel, effort.fine, hyper)
         return terms[0], terms[1 : 1 + n_unknown], terms[1 + n_unknown :]
 
-    cost, _, matrix = terms_at(theta)
     scale = {}
     if effort.priors:
         theta = _fill(theta, (factor < IGNORED) & (counts > 0), grid.mask)
         posterior = find_posterior(theta, terms_at, grid, n_band, effort.priors, progress)
         theta, covariance, scale = posterior.theta, posterior.covariance, posterior.scale
     else:
-        covariance = _invert(np.stack([m.numpy() for m in matrix], axis=-1).astype(float), n_unknown)
+        matrix = [m.numpy() for m in terms_at(theta)[2]]
+        covariance = _invert(np.stack(matrix, axis=-1).astype(float), n_unknown)
     theta = np.stack([t.numpy() for t in theta], axis=-1)
     gain, gain_sigma = None, None
     if thresholds:

@@ -1,6 +1,6 @@
 """From a recording and a traced scene to the arrays that the solvers work on."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -41,7 +41,13 @@ class Problem:
         return len(self.pixel)
 
 
-def make_problem(recording: Recording, pairs: Pairs, light: Illumination, mask: np.ndarray) -> Problem:
+def make_problem(
+    recording: Recording,
+    pairs: Pairs,
+    light: Illumination,
+    mask: np.ndarray,
+    hot: np.ndarray | None = None,
+) -> Problem:
     """Collect what the solver needs of the masked pixels.
 
     Parameters
@@ -54,10 +60,13 @@ def make_problem(recording: Recording, pairs: Pairs, light: Illumination, mask: 
         What the LEDs send; arrays of width 1 or height * width.
     mask : (height, width) bool
         Pixels to solve.
+    hot : (height, width) bool, optional
+        Pixels whose events and silences count for nothing.
     """
     pixel = np.flatnonzero(mask)
-    offset, chosen = _of_list(pairs.offset, mask)
-    silent_offset, silent = _of_list(pairs.silent_offset, mask)
+    heard = mask if hot is None else mask & ~hot
+    offset, chosen = _of_list(pairs.offset, mask, heard)
+    silent_offset, silent = _of_list(pairs.silent_offset, mask, heard)
     no_polarity = np.ones(np.count_nonzero(silent), np.int8)
 
     def threshold(value):
@@ -84,21 +93,15 @@ def make_problem(recording: Recording, pairs: Pairs, light: Illumination, mask: 
     )
 
 
-def _of_list(offset: np.ndarray, mask: np.ndarray) -> tuple[mi.UInt32, np.ndarray]:
-    """Give the offsets of a list that keeps the masked pixels only, and which entries it keeps."""
+def _of_list(offset: np.ndarray, mask: np.ndarray, heard: np.ndarray) -> tuple[mi.UInt32, np.ndarray]:
+    """Give the offsets of a list for the masked pixels, and which entries it keeps: those of pixels heard."""
     count = np.diff(offset)
-    kept = np.concatenate([[0], np.cumsum(count[mask.ravel()])])
-    return mi.UInt32(kept.astype(np.uint32)), np.repeat(mask.ravel(), count)
+    kept = np.concatenate([[0], np.cumsum(np.where(heard.ravel(), count, 0)[mask.ravel()])])
+    return mi.UInt32(kept.astype(np.uint32)), np.repeat(heard.ravel(), count)
 
 
 def _of_pixels(light: Illumination, pixel: mi.UInt32) -> Illumination:
-    """Keep the light of some pixels; what is the same everywhere stays of width 1."""
-
-    def pick(value):
-        return value if dr.width(value) == 1 else dr.gather(type(value), value, pixel)
-
-    direction, irradiance = [pick(d) for d in light.direction], [pick(e) for e in light.irradiance]
-    brightest = max(float(dr.max(e)[0]) for e in irradiance)
+    """Keep the light of some pixels, with a constant light above 0."""
+    brightest = max(float(dr.max(e)[0]) for e in light.irradiance)
     constant_light = dr.opaque(mi.Float, max(float(light.constant_light[0]), DARK * brightest))
-    dr.make_opaque(direction, irradiance)
-    return Illumination(direction, irradiance, light.band, constant_light)
+    return replace(light.gather(pixel), constant_light=constant_light)

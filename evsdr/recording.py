@@ -187,10 +187,11 @@ def _read_sensor(file: h5py.File, width: int, height: int) -> Sensor:
                 )
         else:
             values[name] = default
-            missing.append(f"{name} ({default:g})")
+            missing.append(name)
     if missing:
-        _warn(file, f"sensor lacks {', '.join(missing)}: these EVK4 values are taken; write the true ones.")
-    return Sensor(width, height, **values)
+        given = ", ".join(f"{name} ({SENSOR_DEFAULTS[name]:g})" for name in missing)
+        _warn(file, f"sensor lacks {given}: these EVK4 values are taken; write the true ones.")
+    return Sensor(width, height, **values, guessed=tuple(missing))
 
 
 def _read_thresholds(dataset: h5py.Dataset, shape: tuple[int, int]) -> np.ndarray:

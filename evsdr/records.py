@@ -40,6 +40,8 @@ class Sensor:
         Change of natural log intensity that fires an event.
     refractory_us : float
         Time after an event until the reference intensity is memorised anew [us].
+    guessed : tuple of str
+        Which of these the file does not tell.
     """
 
     width: int
@@ -47,6 +49,7 @@ class Sensor:
     contrast_threshold_on: float | np.ndarray
     contrast_threshold_off: float | np.ndarray
     refractory_us: float
+    guessed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

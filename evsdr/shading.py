@@ -41,6 +41,16 @@ class Illumination:
     def n_band(self) -> int:
         return max(self.band) + 1
 
+    def gather(self, pixel) -> "Illumination":
+        """Keep the light of some pixels, UInt32 (n); what is the same everywhere stays of width 1."""
+
+        def pick(value):
+            return value if dr.width(value) == 1 else dr.gather(type(value), value, pixel)
+
+        direction, irradiance = [pick(d) for d in self.direction], [pick(e) for e in self.irradiance]
+        dr.make_opaque(direction, irradiance)
+        return Illumination(direction, irradiance, self.band, self.constant_light)
+
 
 def soft_max0(x, softness):
     """Shade by a smooth max(0, x) that stays positive, so that LEDs behind the horizon still pull.

@@ -13,7 +13,9 @@ from evsdr.scatter import learn_scatter
 
 KNOWN = 0.05  # largest standard deviation of a reflectance that teaches
 FEWEST, MOST = 100, 4000  # pixels that teach
-VISIBLE = 1.0  # smallest standard deviation of a direction that counts, relative to the noise of single pixels
+VISIBLE = (
+    1.0  # smallest standard deviation of a direction that counts, relative to the noise of single pixels
+)
 SMALLEST = 1e-3  # standard deviation of a reflectance around the subspace, at least
 
 
