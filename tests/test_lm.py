@@ -20,31 +20,18 @@ ALONE = lm.Effort(priors=None)  # each pixel by itself
 SPECTRUM = np.array([0.1, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.6])
 
 
-def sphere_problem(size: int, event_noise: float, seed: int = 0, threshold: float = 0.2, spectrum=SPECTRUM):
-    """A sphere simulated without Mitsuba, and the solver's view of it."""
+NO_FLAWS = dict.fromkeys(
+    ("spread_on", "spread_off", "cutoff_hz", "photon_rate_per_us", "leak_hz", "hot_fraction", "hot_hz"), 0.0
+)
+
+
+def sphere_recording(size: int, seed: int = 0, threshold: float = 0.2, spectrum=SPECTRUM, dead=(), **flaws):
+    """A sphere recorded without Mitsuba: recording, light, normals, mask."""
     normal, mask = sphere_normals(size)
-    signal = np.where(
-        mask, lambert_signals(normal, np.broadcast_to(spectrum, (size, size, 8)), ring_directions()), 0
-    )
-    pixel = EventPixel(
-        threshold,
-        threshold,
-        **(
-            dict.fromkeys(
-                (
-                    "spread_on",
-                    "spread_off",
-                    "cutoff_hz",
-                    "photon_rate_per_us",
-                    "leak_hz",
-                    "hot_fraction",
-                    "hot_hz",
-                ),
-                0.0,
-            )
-            | {"event_noise": event_noise}
-        ),
-    )
+    signal = lambert_signals(normal, np.broadcast_to(spectrum, (size, size, 8)), ring_directions())
+    signal = np.where(mask, signal, 0)
+    signal[list(dead)] = 0
+    pixel = EventPixel(threshold, threshold, **(NO_FLAWS | flaws))
     schedule = Schedule(np.arange(24), 10_000.0, 1.0)
     events, _, _, starts = simulate_events(signal, C_W, schedule, 6, pixel, seed=seed)
     recording = Recording(
@@ -56,6 +43,12 @@ def sphere_problem(size: int, event_noise: float, seed: int = 0, threshold: floa
         [j % 8 for j in range(24)],
         mi.Float(C_W),
     )
+    return recording, light, normal, mask
+
+
+def sphere_problem(size: int, event_noise: float, **options):
+    """A sphere simulated without Mitsuba, and the solver's view of it."""
+    recording, light, normal, mask = sphere_recording(size, event_noise=event_noise, **options)
     return make_problem(recording, pair_events(recording, mask), light, mask), normal[mask]
 
 
