@@ -18,6 +18,7 @@ Nothing here knows Mitsuba.
 """
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -60,12 +61,28 @@ class PairData:
 
 def without(pairs: PairData, ignored: np.ndarray) -> PairData:
     """Leave out all events and silences of some pixels, ignored (n_pixel) bool."""
+    return _choose(pairs, lambda count: np.where(ignored, 0, count))
+
+
+def thin(pairs: PairData, most: int) -> PairData:
+    """Keep at most so many events and silences of each pixel, spread evenly over the recording."""
+    return _choose(pairs, lambda count: np.minimum(count, most))
+
+
+def _choose(pairs: PairData, kept: Callable) -> PairData:
+    """Keep as many entries of each pixel's lists as `kept` makes of their numbers (n_pixel), spread evenly."""
 
     def part(offset, phases):
-        count = np.diff(offset.numpy().astype(np.int64))
-        kept = np.repeat(~ignored, count)
-        new = np.concatenate([[0], np.cumsum(np.where(ignored, 0, count))]).astype(np.uint32)
-        return type(offset)(new), type(phases)(phases.numpy().reshape(-1, 2)[kept].ravel())
+        first = offset.numpy().astype(np.int64)
+        count = np.diff(first)
+        some = kept(count)
+        new = np.concatenate([[0], np.cumsum(some)])
+        within = np.arange(new[-1]) - np.repeat(new[:-1], some)
+        k = np.repeat(first[:-1], some) + within * np.repeat(count, some) // np.maximum(
+            np.repeat(some, some), 1
+        )
+        chosen = phases.numpy().reshape(-1, 2)[k].ravel()
+        return type(offset)(new.astype(np.uint32)), type(phases)(chosen)
 
     offset, phases = part(pairs.offset, pairs.phases)
     pairs = replace(pairs, offset=offset, phases=phases)

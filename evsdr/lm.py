@@ -21,6 +21,7 @@ from evsdr.event_terms import (
     relative_residual,
     signal_table,
     silence_equations,
+    thin,
     without,
 )
 from evsdr.frozen import no_garbage_collection
@@ -32,7 +33,6 @@ SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
 REFLECTANCE_CENTRE, LOG_REFLECTANCE_SIGMA = 0.25, 2.0  # weak prior: 0.03 .. 2 within one sigma
 LARGEST_STEP = (1.0, 2.0)  # of a slope, of a log reflectance
 FIRST_THRESHOLD_SIGMA = (0.3, 0.3)  # of the log of unknown thresholds, before the pixels tell
-N_EXPECTATION = 8  # rounds of expectation maximisation
 SAMPLE = 4000  # pixels that stand for all in it
 HARD = 1e-3  # softness of a horizon that is hard for all purposes
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual
@@ -59,6 +59,10 @@ class Effort:
         Steps granted to such a start before it is compared.
     n_final : int
         Steps at the end.
+    n_pair : int
+        Events of a pixel that count before the last steps.
+    n_expectation : int
+        Rounds of expectation maximisation that look for the distribution of unknown thresholds.
     robust : float
         Width of the Cauchy cost in standard deviations.
     fine : bool
@@ -74,6 +78,8 @@ class Effort:
     n_sweep: int = 1
     n_try: int = 3
     n_final: int = 6
+    n_pair: int = 64
+    n_expectation: int = 8
     robust: float = 3.0
     fine: bool = True
     silence: bool = True
@@ -86,10 +92,14 @@ PRESETS = {
         n_sweep=1,
         n_try=2,
         n_final=4,
+        n_pair=40,
+        n_expectation=5,
         priors=Priors(n_round=3, n_draw=4),
     ),
     "balanced": Effort(),
-    "accurate": Effort(n_sweep=4, n_try=5, n_final=15, priors=Priors(n_round=12, n_draw=16)),
+    "accurate": Effort(
+        n_sweep=4, n_try=5, n_final=15, n_pair=128, n_expectation=10, priors=Priors(n_round=12, n_draw=16)
+    ),
 }
 
 
@@ -176,9 +186,10 @@ def solve(
     hyper = [dr.opaque(Float, value) for value in (0.0, 0.0, *FIRST_THRESHOLD_SIGMA)] if thresholds else []
 
     slope_term = gaussian_share(effort.robust)
-    freeze = dr.freeze(state_fn=lambda *_: (model, pairs, constant_light, n_pixel))
+    few = heard = thin(pairs, effort.n_pair)  # enough until the last steps
+    freeze = dr.freeze(state_fn=lambda *_: (model, heard, few, constant_light, n_pixel))
 
-    def at_thresholds(theta):
+    def at_thresholds(pairs, theta):
         """The pairs with the thresholds of theta, if it has any."""
         if not thresholds:
             return pairs
@@ -190,7 +201,16 @@ def solve(
         reflectance = [dr.exp(t) for t in theta[2 : 2 + n_band]]
         signals = model(theta[0], theta[1], reflectance, softness)
         table = derivative_table(*signals, model.illumination.band, dr.width(theta[0]))
-        given = table, at_thresholds(theta), constant_light, n_pixel, n_band, noise, effort.robust, thresholds
+        given = (
+            table,
+            at_thresholds(heard, theta),
+            constant_light,
+            n_pixel,
+            n_band,
+            noise,
+            effort.robust,
+            thresholds,
+        )
         cost, gradient, matrix = normal_equations(*given, slope_term if fine else 0.0)
         if fine and effort.silence:
             silent_cost, silent_gradient, silent_matrix = silence_equations(*given)
@@ -229,11 +249,11 @@ def solve(
 
     @freeze
     def residuals(theta, softness):
-        """|u| of every pair."""
+        """|u| of a few pairs of each pixel."""
         pixel = dr.arange(UInt32, dr.width(theta[0]))
         signal, _, _ = model(theta[0], theta[1], [dr.exp(t) for t in theta[2 : 2 + n_band]], softness)
         table = signal_table(signal, dr.width(theta[0]))
-        out, told = dr.zeros(Float, dr.width(pairs.phases) // 2), at_thresholds(theta)
+        out, told = dr.zeros(Float, dr.width(few.phases) // 2), at_thresholds(few, theta)
         dr.eval(told.threshold_on, told.threshold_off)
 
         def body(k, out):
@@ -241,20 +261,23 @@ def solve(
             dr.scatter(out, dr.abs(u), k, k < last, mode=dr.ReduceMode.NoConflicts)
             return k + 1, out
 
-        first = dr.gather(UInt32, pairs.offset, pixel)
-        last = dr.gather(UInt32, pairs.offset, pixel + 1)
+        first = dr.gather(UInt32, few.offset, pixel)
+        last = dr.gather(UInt32, few.offset, pixel + 1)
         return dr.while_loop((first, out), lambda k, _: k < last, body, label="residuals")[1]
 
-    first, counts = pairs.offset.numpy()[:-1].astype(np.int64), np.diff(pairs.offset.numpy().astype(np.int64))
-    paired = np.flatnonzero(counts)
-    shown = first[paired, None] + counts[paired, None] * np.arange(N_SHOWN) // N_SHOWN
-    freedom = np.minimum(np.sqrt(counts / np.maximum(counts - n_unknown, 1)), 2.0)[paired]
+    first, counts = (few.offset.numpy().astype(np.int64)[:-1], np.diff(pairs.offset.numpy().astype(np.int64)))
+    paired, n_shown = np.flatnonzero(counts), np.diff(few.offset.numpy().astype(np.int64))
+    shown = first[paired, None] + n_shown[paired, None] * np.arange(N_SHOWN) // N_SHOWN
+
+    def freedom():
+        count = counts if heard is pairs else n_shown
+        return np.minimum(np.sqrt(count / np.maximum(count - n_unknown, 1)), 2.0)[paired]
 
     def scatter_of_pixels(theta, softness) -> np.ndarray:
         """Standard deviation of u in each pixel that has pairs, by the median of some |u|."""
         softness = softness if isinstance(softness, Float) else dr.opaque(Float, softness)
         u = residuals(theta, softness).numpy()[shown]
-        return 1.4826 * np.median(u, axis=1) * freedom
+        return 1.4826 * np.median(u, axis=1) * freedom()
 
     def measure_noise(theta, softness) -> float:
         """Standard deviation of u in most pixels: hot ones fire most events."""
@@ -327,13 +350,17 @@ def solve(
             candidate = [dr.gather(Float, t, grid.index[place]) for t in theta]
             theta, terms = offer(theta, terms, candidate, HARD, noise)
             progress("starts", (sweep * len(NEXT) + i + 1) / (effort.n_sweep * len(NEXT)))
-    for round_ in range(N_EXPECTATION if thresholds else 0):
+    for round_ in range(effort.n_expectation if thresholds else 0):
         noise = measure_noise(theta, HARD)
         theta, terms = descend(theta, HARD, noise, effort.n_try, None, effort.fine)
         hyper = distribution(theta, terms)
-        progress("thresholds", (round_ + 1) / N_EXPECTATION)
+        progress("thresholds", (round_ + 1) / effort.n_expectation)
+    heard = pairs
     noise = measure_noise(theta, HARD)
     theta, terms = descend(theta, HARD, noise, effort.n_final, "refinement", effort.fine)
+    if thresholds:
+        hyper = distribution(theta, terms)
+        theta, terms = descend(theta, HARD, noise, effort.n_try, None, effort.fine)
     curved = False
     if effort.fine:
         curved_theta, curved_terms = descend(theta, horizon(theta), noise, effort.n_try, None, True)
@@ -350,7 +377,7 @@ def solve(
     noise_of_pixel = Float(noise * factor)
     cost = begin(theta, softness_at(theta), dr.opaque(Float, noise), effort.fine, hyper)[0]
     if (factor == IGNORED).any():
-        pairs = without(pairs, factor == IGNORED)
+        heard = without(pairs, factor == IGNORED)
 
     def terms_at(theta):
         softness = softness_at(theta)

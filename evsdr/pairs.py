@@ -80,15 +80,15 @@ def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
     order = np.lexsort((x, y))  # stable, so time order stays within a pixel; 16-bit keys make it a radix sort
     pixel = (y.astype(np.uint32) * np.uint32(sensor.width) + x)[order]
     t, p = t[order], p[order]
+    fired, fired_inside = _single_phase(t, recording)
+    memorised, memorised_inside = _single_phase(t + sensor.refractory_us, recording)
 
     second = np.flatnonzero(pixel[1:] == pixel[:-1]) + 1
-    start, end = t[second - 1] + sensor.refractory_us, t[second].astype(np.float64)
-    too_close = end < start - ROUNDING_US
-    start = np.minimum(start, end)
-    phase_start, start_inside = _single_phase(start, recording)
-    phase_end, end_inside = _single_phase(end, recording)
-    good = start_inside & end_inside & ~too_close
-    second = second[good]
+    early = t[second] - t[second - 1] - sensor.refractory_us  # how long after the reference was memorised
+    too_close = early < -ROUNDING_US
+    phase_start = np.where(early < 0, fired[second], memorised[second - 1])
+    good = fired_inside[second] & (memorised_inside[second - 1] | (early < 0)) & ~too_close
+    phase_start, second = phase_start[good], second[good]
     if not len(second):
         raise InputError(
             "No two events of a pixel follow each other within the rounds of the ring; "
@@ -104,11 +104,11 @@ def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
         )
     n_pixel = sensor.height * sensor.width
     count = np.bincount(pixel[second], minlength=n_pixel)
-    silent = _silence(recording, pixel, t)
+    silent = _silence(recording, pixel, t, fired, memorised, fired_inside, memorised_inside)
     return Pairs(
         offset=np.concatenate([[0], np.cumsum(count)]).astype(np.uint32),
-        phase_start=phase_start[good],
-        phase_end=phase_end[good],
+        phase_start=phase_start,
+        phase_end=fired[second],
         polarity=(2 * p[second] - 1).astype(np.int8),
         n_event=len(t),
         n_dropped=len(good) - len(second),
@@ -118,33 +118,45 @@ def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
     )
 
 
-def _silence(recording: Recording, pixel: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, ...]:
+def _silence(
+    recording: Recording,
+    pixel: np.ndarray,
+    t: np.ndarray,
+    fired: np.ndarray,
+    memorised: np.ndarray,
+    fired_inside: np.ndarray,
+    memorised_inside: np.ndarray,
+) -> tuple[np.ndarray, ...]:
     """List the slot starts between each event and the next of its pixel, or the end of the recording.
 
     Parameters
     ----------
     pixel, t : (n_event,) int
         Events sorted by pixel, then time.
+    fired, memorised : (n_event,) float32
+        Phase of each, and one refractory period later.
+    fired_inside, memorised_inside : (n_event,) bool
+        Whether these lie within the rounds.
     """
     schedule, starts = recording.schedule, recording.round_start_us
     n_slot, sensor = len(schedule.order), recording.sensor
-    begin = t + sensor.refractory_us
-    end = np.full(len(t), starts[-1] - 1e-3 if len(starts) > 1 else t.max(), float)
-    same = np.flatnonzero(pixel[1:] == pixel[:-1])
-    end[same] = t[same + 1]
-    phase_begin, begin_inside = _single_phase(begin, recording)
-    phase_end, end_inside = _single_phase(end, recording)
-    first = phase_begin.astype(np.int64)
-    crossed = (phase_end.astype(np.int64) - first) % n_slot
-    rounds = np.rint(((end - begin) / schedule.slot_us - crossed) / n_slot)
-    crossed = np.minimum(crossed + n_slot * np.maximum(rounds, 0).astype(np.int64), n_slot)
-    crossed[~(begin_inside & end_inside & (end > begin))] = 0
+    last = np.array([starts[-1] - 1e-3 if len(starts) > 1 else t.max()])
+    phase_last, last_inside = _single_phase(last, recording)
+    followed = np.append(pixel[1:] == pixel[:-1], False)
+    length = np.where(followed, np.append(t[1:], 0), last) - t - sensor.refractory_us
+    phase_end = np.where(followed, np.append(fired[1:], 0), phase_last)
+    end_inside = np.where(followed, np.append(fired_inside[1:], False), last_inside)
+    first = memorised.astype(np.int32)
+    crossed = (phase_end.astype(np.int32) - first) % n_slot
+    rounds = np.rint((length / schedule.slot_us - crossed) / n_slot)
+    crossed = np.minimum(crossed + n_slot * np.maximum(rounds, 0).astype(np.int32), n_slot)
+    crossed[~(memorised_inside & end_inside & (length > 0))] = 0
     which = np.repeat(np.arange(len(t)), crossed)
     step = np.arange(len(which)) - np.repeat(np.cumsum(crossed) - crossed, crossed) + 1
     count = np.bincount(pixel, weights=crossed, minlength=sensor.height * sensor.width)
     return (
         np.concatenate([[0], np.cumsum(count)]).astype(np.uint32),
-        phase_begin[which],
+        memorised[which],
         ((first[which] + step) % n_slot).astype(np.float32),
     )
 

@@ -27,7 +27,7 @@ from evsdr.spectra import learn_spectra
 
 PARTS = ("normal", "integrable", "reflectance", "spectra")
 DIRECTIONS = (SECOND_X, SECOND_Y)
-N_LEARN = 3000  # pixels that teach
+N_LEARN = 2000  # pixels that teach
 SHARPEST = 0.2  # smallest scale of a prior, relative to the noise of single pixels
 TOLERANCE, MOST_STEPS, LOOK = 0.01, 100, 5  # of the conjugate gradients; steps between two looks
 LARGEST_MOVE = 1.0  # of an unknown per Gauss-Newton step

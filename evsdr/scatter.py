@@ -8,7 +8,7 @@ known noise) estimates mean and covariance of s.
 import numpy as np
 
 FREEDOM = 3.0  # of Student's t: the smaller, the less an outlier counts
-N_EXPECTATION = 30
+N_EXPECTATION = 20
 
 
 def learn_scatter(
