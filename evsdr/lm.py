@@ -33,7 +33,9 @@ SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
 REFLECTANCE_CENTRE, LOG_REFLECTANCE_SIGMA = 0.25, 2.0  # weak prior: 0.03 .. 2 within one sigma
 LARGEST_STEP = (1.0, 2.0)  # of a slope, of a log reflectance
 FIRST_THRESHOLD_SIGMA = (0.3, 0.3)  # of the log of unknown thresholds, before the pixels tell
-SAMPLE = 4000  # pixels that stand for all in it
+SAMPLE = 4000  # pixels that tell how thresholds are distributed
+FIRED_LOWER = 1.0  # an event's own threshold is this times noise^2 below the mean: lower ones are reached first
+SMALLEST_SPREAD = 0.003  # of the log of thresholds over the pixels: less is one value for all
 HARD = 1e-3  # softness of a horizon that is hard for all purposes
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual
 N_SHOWN = 32  # pairs of a pixel that show its noise
@@ -79,7 +81,7 @@ class Effort:
     n_try: int = 3
     n_final: int = 6
     n_pair: int = 64
-    n_expectation: int = 8
+    n_expectation: int = 4
     robust: float = 3.0
     fine: bool = True
     silence: bool = True
@@ -93,12 +95,12 @@ PRESETS = {
         n_try=2,
         n_final=4,
         n_pair=40,
-        n_expectation=5,
+        n_expectation=3,
         priors=Priors(n_round=3, n_draw=4),
     ),
     "balanced": Effort(),
     "accurate": Effort(
-        n_sweep=4, n_try=5, n_final=15, n_pair=128, n_expectation=10, priors=Priors(n_round=12, n_draw=16)
+        n_sweep=4, n_try=5, n_final=15, n_pair=128, n_expectation=6, priors=Priors(n_round=12, n_draw=16)
     ),
 }
 
@@ -327,16 +329,22 @@ def solve(
         return theta, terms
 
     def distribution(theta, terms):
-        """Mean and spread of the log thresholds over the pixels, given their estimates and sigmas."""
+        """Mean and spread of the log thresholds over the pixels, from what the data alone say of each."""
         some = slice(None, None, max(1, dr.width(theta[0]) // SAMPLE))
+        centre, spread = np.array([float(value[0]) for value in hyper]).reshape(2, 2, 1)
         gains = np.stack([t.numpy()[some] for t in theta[-2:]]).astype(float)
         matrix = np.stack([t.numpy()[some] for t in terms[1 + n_unknown :]], axis=-1).astype(float)
-        variance = np.diagonal(_invert(matrix, n_unknown), axis1=1, axis2=2)[:, -2:].T
-        centre = np.median(gains, axis=1)
-        spread = np.sqrt(
-            np.median((gains - centre[:, None]) ** 2, axis=1) / 0.455 + np.median(variance, axis=1)
-        )
-        return [dr.opaque(Float, float(v)) for v in (*centre, *np.clip(spread, 0.005, 0.5))]
+        posterior = np.diagonal(_invert(matrix, n_unknown), axis1=1, axis2=2)[:, -2:].T
+        alone = 1 / np.maximum(
+            1 / posterior - 1 / spread**2, 1e-2
+        )  # variance without the distribution's pull
+        gains = centre + (gains - centre) * alone / posterior
+        weight = 1 / (alone + spread**2)
+        weight *= np.abs(gains - np.median(gains, axis=1, keepdims=True)) < 3 / np.sqrt(weight)
+        centre = np.sum(weight * gains, axis=1) / np.sum(weight, axis=1)
+        scatter = np.median((gains - centre[:, None]) ** 2, axis=1) / 0.455 - np.median(alone, axis=1)
+        spread = np.sqrt(np.clip(scatter, SMALLEST_SPREAD**2, 0.25))
+        return [dr.opaque(Float, float(v)) for v in (*centre, *spread)]
 
     theta = [dr.opaque(Float, 0.0, dr.width(t)) + t for t in start]
     dr.eval(theta)
@@ -360,7 +368,10 @@ def solve(
     theta, terms = descend(theta, HARD, noise, effort.n_final, "refinement", effort.fine)
     if thresholds:
         hyper = distribution(theta, terms)
-        theta, terms = descend(theta, HARD, noise, effort.n_try, None, effort.fine)
+        for value in hyper[:2]:
+            value += FIRED_LOWER * noise**2
+        dr.make_opaque(hyper)
+        theta, terms = descend(theta, HARD, noise, effort.n_final, None, effort.fine)
     curved = False
     if effort.fine:
         curved_theta, curved_terms = descend(theta, horizon(theta), noise, effort.n_try, None, True)
