@@ -176,7 +176,7 @@ def assemble_maps(problem: Problem, solution: lm.Solution, shape: tuple[int, int
         scale = 1 / reflectance.max(axis=1, keepdims=True)
         reflectance, reflectance_sigma = reflectance * scale, reflectance_sigma * scale
     sound = (variance > 0).all(axis=1)  # rounding can spoil an inverse
-    known = sound & (sigma < KNOWN_SIGMA_DEG)
+    known = problem.fired & sound & (sigma < KNOWN_SIGMA_DEG)
 
     def image(values, elsewhere):
         out = np.full((shape[0] * shape[1], *values.shape[1:]), elsewhere, np.float32)

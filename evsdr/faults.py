@@ -54,7 +54,8 @@ def impossible_rate(recording: Recording, light: Illumination) -> np.ndarray:
     events, starts = recording.events, recording.round_start_us
     brightest = max(float(dr.max(e)[0]) for e in light.irradiance)
     lowest = min(np.min(sensor.contrast_threshold_on), np.min(sensor.contrast_threshold_off))
-    per_slot = 1 + np.log1p(brightest / float(light.constant_light[0])) / lowest
+    veil = max(float(light.constant_light[0]), 1e-6 * brightest)
+    per_slot = 1 + np.log1p(brightest / veil) / lowest
     duration = starts[-1] - starts[0] if len(starts) > 1 else np.ptp(events.t)
     number = events.y.astype(np.int64) * sensor.width + events.x
     count = np.bincount(number, minlength=sensor.height * sensor.width)

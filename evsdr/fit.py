@@ -195,7 +195,8 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
             recording = replace(recording, schedule=replace(recording.schedule, order=order))
             problem = make_problem(recording, pairs, light, mask, hot)
             solution = decode.solve(problem, start_normal, options, parts, estimate, advance)
-    warn_of_hot_pixels(options.events, pairs, problem, solution, hot)
+    if solution.noise <= MISFIT:
+        warn_of_hot_pixels(options.events, pairs, problem, solution, hot)
     maps = decode.assemble_maps(problem, solution, mask.shape, ring)
     if not maps.mask.any():
         warnings.warn(

@@ -5,7 +5,8 @@ A matrix is the list of its lower triangle, row after row, each entry an array o
 
 import drjit as dr
 
-SMALLEST_PIVOT = 1e-12
+SMALLEST_PIVOT = 1e-6  # relative to the diagonal: what float32 can tell from nothing
+TINY = 1e-20
 
 
 def factor(matrix: list, damping=0.0) -> tuple[list, list]:
@@ -26,7 +27,7 @@ def factor(matrix: list, damping=0.0) -> tuple[list, list]:
         d = row[j][j] * (1.0 + damping)
         for k in range(j):
             d = d - dr.square(lower[j][k]) * pivot[k]
-        pivot.append(dr.maximum(d, SMALLEST_PIVOT))
+        pivot.append(dr.maximum(d, SMALLEST_PIVOT * row[j][j] + TINY))
         inverse.append(dr.rcp(pivot[j]))
         for i in range(j + 1, n):
             entry = row[i][j]

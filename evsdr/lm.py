@@ -341,9 +341,10 @@ def solve(
         gains = centre + (gains - centre) * alone / posterior
         weight = 1 / (alone + spread**2)
         weight *= np.abs(gains - np.median(gains, axis=1, keepdims=True)) < 3 / np.sqrt(weight)
-        centre = np.sum(weight * gains, axis=1) / np.sum(weight, axis=1)
+        total = np.sum(weight, axis=1) + 1 / np.square(FIRST_THRESHOLD_SIGMA)  # a few pixels tell little
+        centre = np.sum(weight * gains, axis=1) / total
         scatter = np.median((gains - centre[:, None]) ** 2, axis=1) / 0.455 - np.median(alone, axis=1)
-        spread = np.sqrt(np.clip(scatter, SMALLEST_SPREAD**2, 0.25))
+        spread = np.sqrt(np.clip(scatter, SMALLEST_SPREAD**2, 0.25) + 1 / total)
         return [dr.opaque(Float, float(v)) for v in (*centre, *spread)]
 
     theta = [dr.opaque(Float, 0.0, dr.width(t)) + t for t in start]

@@ -23,6 +23,8 @@ class Problem:
     ----------
     pixel : (n_pixel,) int
         Where they lie in the image, row-major.
+    fired : (n_pixel,) bool
+        Whether they fired events, hot ones included.
     pairs : PairData
         Their event pairs.
     illumination : Illumination
@@ -32,6 +34,7 @@ class Problem:
     """
 
     pixel: np.ndarray
+    fired: np.ndarray
     pairs: PairData
     illumination: Illumination
     grid: Grid
@@ -75,6 +78,7 @@ def make_problem(
     sensor = recording.sensor
     return Problem(
         pixel=pixel,
+        fired=np.diff(pairs.offset)[pixel] > 0,
         pairs=PairData(
             offset=offset,
             phases=mi.Float(
