@@ -15,6 +15,7 @@ N_SAMPLE = 600  # pixels that show how well each LED is explained
 SUSPICIOUS = 1.4  # residual of an LED, relative to that of most, from which its light is in doubt
 N_SUSPECT = 12  # LEDs in doubt at most
 N_TRIED = 100  # pixels on which each explanation is tried
+FEWEST = 20  # pixels that can convict
 DECISIVE = 0.8  # cost of an explanation, relative to that of none, from which it is believed
 
 
@@ -124,7 +125,7 @@ def find_fault(pairs: PairData, light: Illumination, solution: lm.Solution) -> F
     faults = [Fault((j,)) for j in suspects] + [Fault(two) for two in combinations(suspects, 2)]
     explained = np.flatnonzero(np.diff(pairs.offset.numpy().astype(np.int64)) > solution.theta.shape[1])
     pixel = np.random.default_rng(0).permutation(explained)[:N_TRIED]
-    if not len(pixel):
+    if len(pixel) < FEWEST:
         return None
     few = _of_pixels(pairs, pixel)
     now = pairs.slot_leds.numpy()[:-1] & 0xFFFF
