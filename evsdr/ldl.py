@@ -4,6 +4,7 @@ A matrix is the list of its lower triangle, row after row, each entry an array o
 """
 
 import drjit as dr
+import numpy as np
 
 SMALLEST_PIVOT = 1e-6  # relative to the diagonal: what float32 can tell from nothing
 TINY = 1e-20
@@ -82,3 +83,19 @@ def color(lower: list, pivot: list, white: list) -> list:
     """Give L D^(1/2) w: noise of covariance M from white noise w."""
     scaled = [dr.sqrt(p) * w for p, w in zip(pivot, white)]
     return [scaled[i] + sum(lower[i][k] * scaled[k] for k in range(i)) for i in range(len(white))]
+
+
+def place(i: int, j: int) -> int:
+    """Place of entry (i, j) in a lower triangle."""
+    return max(i, j) * (max(i, j) + 1) // 2 + min(i, j)
+
+
+def rows(triangle: list, which) -> list[list]:
+    """Give the rows and columns `which` of a matrix."""
+    return [[triangle[place(i, j)] for j in which] for i in which]
+
+
+def block(triangle: list, which, some) -> np.ndarray:
+    """Give a block of the matrices of some pixels (n, d, d)."""
+    entries = [[v.numpy()[some] for v in row] for row in rows(triangle, which)]
+    return np.moveaxis(np.array(entries, float), -1, 0)

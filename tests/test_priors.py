@@ -8,7 +8,7 @@ from test_grid import MASK, matrix_of
 from test_lm import ALONE, SPECTRUM, errors, solve, sphere_problem
 
 from evsdr import grid as g
-from evsdr import lm, priors
+from evsdr import joint, lm, priors
 from evsdr.decode import normal_sigma_deg
 
 N_BAND = 3
@@ -65,7 +65,9 @@ def system(rng):
         "zxi,z,zyj->xiyj", around, weights["integrable"][0].numpy() / 0.5, around
     )
     nothing = dr.zeros(mi.Float, n_pixel)
-    made = priors._system(theta, arrays(data[:, rows, columns].T), nothing, weights, scatter, grid, N_BAND)
+    made = joint.joint_system(
+        theta, arrays(data[:, rows, columns].T), nothing, weights, scatter, grid, N_BAND
+    )
     return made, scatter, grid, dense.reshape(n_pixel * N, n_pixel * N)
 
 
@@ -73,7 +75,7 @@ def test_the_joint_system_is_that_of_dense_matrices(system, rng):
     """Conjugate gradients on stencils give what a dense solver gives."""
     made, _, grid, dense = system
     right = rng.normal(size=(len(MASK[MASK]), N))
-    x = priors._conjugate_gradients(grid)(made, arrays(right.T))
+    x = joint.joint_solver(grid)(made, arrays(right.T))
     expected = np.linalg.solve(dense, right.ravel()).reshape(right.shape)
     np.testing.assert_allclose(
         np.array([v.numpy() for v in x]).T, expected, atol=0.02 * np.abs(expected).max()
@@ -82,10 +84,10 @@ def test_the_joint_system_is_that_of_dense_matrices(system, rng):
 
 def test_draws_scatter_as_the_inverse_of_the_matrix(system):
     made, scatter, grid, dense = system
-    rng, solve_all = np.random.default_rng(0), priors._conjugate_gradients(grid)
+    rng, solve_all = np.random.default_rng(0), joint.joint_solver(grid)
     draws = []
     for _ in range(600):
-        x = solve_all(made, priors._perturbation(rng, made, scatter, grid, N_BAND))
+        x = solve_all(made, joint.perturbation(rng, made, scatter, grid, N_BAND))
         draws.append(np.array([v.numpy() for v in x]).T.ravel())
     ratio = np.mean(np.square(draws), axis=0) / np.diagonal(np.linalg.inv(dense))
     assert ratio.mean() == pytest.approx(1, abs=0.03)
