@@ -13,6 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from evsdr import ldl
+from evsdr.effort import PRESETS, Effort  # noqa: F401 (lm.PRESETS)
 from evsdr.event_terms import (
     PairData,
     derivative_table,
@@ -26,7 +27,7 @@ from evsdr.event_terms import (
 )
 from evsdr.frozen import no_garbage_collection
 from evsdr.grid import NEXT, Grid
-from evsdr.priors import Priors, find_posterior
+from evsdr.priors import find_posterior
 from evsdr.shading import pixel_horizon
 
 SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
@@ -34,7 +35,9 @@ REFLECTANCE_CENTRE, LOG_REFLECTANCE_SIGMA = 0.25, 2.0  # weak prior: 0.03 .. 2 w
 LARGEST_STEP = (1.0, 2.0)  # of a slope, of a log reflectance
 FIRST_THRESHOLD_SIGMA = (0.3, 0.3)  # of the log of unknown thresholds, before the pixels tell
 SAMPLE = 4000  # pixels that tell how thresholds are distributed
-FIRED_LOWER = 1.0  # an event's own threshold is this times noise^2 below the mean: lower ones are reached first
+FIRED_LOWER = (
+    1.0  # an event's own threshold is this times noise^2 below the mean: lower ones are reached first
+)
 SMALLEST_SPREAD = 0.003  # of the log of thresholds over the pixels: less is one value for all
 HARD = 1e-3  # softness of a horizon that is hard for all purposes
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual
@@ -44,65 +47,6 @@ MISFIT, IGNORED = (
     100.0,
 )  # noise of a pixel, relative to most, that the model doesn't explain; what it gets then
 LARGEST_SLOPE, LOG_REFLECTANCE_RANGE = 30.0, (-9.0, 1.5)
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How hard to try; the presets of the command.
-
-    Attributes
-    ----------
-    stages : tuple of (softness, noise or None, n_step)
-        Descent from the start: width of the smooth horizon, standard deviation of the relative residual
-        (None: as measured), and steps.
-    n_sweep : int
-        Sweeps with the hard horizon, in which each pixel tries the solutions of its four neighbours.
-    n_try : int
-        Steps granted to such a start before it is compared.
-    n_final : int
-        Steps at the end.
-    n_pair : int
-        Events of a pixel that count before the last steps.
-    n_expectation : int
-        Rounds of expectation maximisation that look for the distribution of unknown thresholds.
-    robust : float
-        Width of the Cauchy cost in standard deviations.
-    fine : bool
-        Whether the last steps also use the density of event times, silence, each pixel's own noise, and, where the
-        events agree, a horizon as soft as the surface within a pixel is curved.
-    silence : bool
-        Whether that no event fired counts in them.
-    priors : Priors, optional
-        What pixels tell of each other; None leaves each alone.
-    """
-
-    stages: tuple = ((0.3, 0.5, 8), (0.1, None, 5), (0.03, None, 4), (0.01, None, 4))
-    n_sweep: int = 1
-    n_try: int = 3
-    n_final: int = 6
-    n_pair: int = 64
-    n_expectation: int = 4
-    robust: float = 3.0
-    fine: bool = True
-    silence: bool = True
-    priors: Priors | None = Priors()
-
-
-PRESETS = {
-    "fast": Effort(
-        stages=((0.3, 0.5, 6), (0.1, None, 3), (0.02, None, 3)),
-        n_sweep=1,
-        n_try=2,
-        n_final=4,
-        n_pair=40,
-        n_expectation=3,
-        priors=Priors(n_round=3, n_draw=4),
-    ),
-    "balanced": Effort(),
-    "accurate": Effort(
-        n_sweep=4, n_try=5, n_final=15, n_pair=128, n_expectation=6, priors=Priors(n_round=12, n_draw=16)
-    ),
-}
 
 
 @dataclass(frozen=True)
