@@ -48,6 +48,8 @@ class PairData:
         Silent probes of pixel i are silent_offset[i] .. silent_offset[i+1].
     silent_phases : Float, (n_probe * 2), optional
         For each probe the phase at which the reference was memorised and 1 + that of the probe.
+    weight : Float, (n_pair), optional
+        How much a pair counts; 1 by default.
     """
 
     offset: object
@@ -57,6 +59,7 @@ class PairData:
     slot_leds: object
     silent_offset: object = None
     silent_phases: object = None
+    weight: object = None
 
 
 def without(pairs: PairData, ignored: np.ndarray) -> PairData:
@@ -72,7 +75,7 @@ def thin(pairs: PairData, most: int) -> PairData:
 def _choose(pairs: PairData, kept: Callable) -> PairData:
     """Keep as many entries of each pixel's lists as `kept` makes of their numbers (n_pixel), spread evenly."""
 
-    def part(offset, phases):
+    def part(offset, *lists):
         first = offset.numpy().astype(np.int64)
         count = np.diff(first)
         some = kept(count)
@@ -81,11 +84,12 @@ def _choose(pairs: PairData, kept: Callable) -> PairData:
         k = np.repeat(first[:-1], some) + within * np.repeat(count, some) // np.maximum(
             np.repeat(some, some), 1
         )
-        chosen = phases.numpy().reshape(-1, 2)[k].ravel()
-        return type(offset)(new.astype(np.uint32)), type(phases)(chosen)
+        chosen = (type(v)(v.numpy().reshape(first[-1], -1)[k].ravel()) for v in lists)
+        return type(offset)(new.astype(np.uint32)), *chosen
 
     offset, phases = part(pairs.offset, pairs.phases)
-    pairs = replace(pairs, offset=offset, phases=phases)
+    weight = pairs.weight if pairs.weight is None else part(pairs.offset, pairs.weight)[1]
+    pairs = replace(pairs, offset=offset, phases=phases, weight=weight)
     if pairs.silent_offset is None:
         return pairs
     silent_offset, silent_phases = part(pairs.silent_offset, pairs.silent_phases)
@@ -164,8 +168,13 @@ def relative_residual(table, pairs: PairData, constant_light, k, pixel, n_pixel,
 # ---------------------------------------------------------------------- normal equations
 
 
-def derivative_table(signal: list, by_p: list, by_q: list, band: list, n_pixel: int):
+def derivative_table(
+    signal: list, by_p: list, by_q: list, band: list, n_pixel: int, diffuse: list | None = None
+):
     """Lay signals, their slope derivatives and the LED's band out for one look-up each.
+
+    To the number of the band half the share of the signal that is diffuse is added: only that scales with the
+    reflectance. By default it is all.
 
     Returns
     -------
@@ -176,9 +185,19 @@ def derivative_table(signal: list, by_p: list, by_q: list, band: list, n_pixel: 
     Array4f = _array(Float, 4)
     pixel = dr.arange(dr.uint32_array_t(Float), n_pixel)
     table = dr.zeros(Float, (len(signal) + 1) * n_pixel * 4)
-    for j, row in enumerate(zip(signal, by_p, by_q, band)):
-        dr.scatter(table, Array4f(*row), pixel + j * n_pixel, mode=dr.ReduceMode.NoConflicts)
+    for j, row in enumerate(zip(signal, by_p, by_q)):
+        share = dr.select(signal[j] > 0, diffuse[j] / signal[j], 1.0) if diffuse else 1.0
+        dr.scatter(
+            table, Array4f(*row, band[j] + 0.5 * share), pixel + j * n_pixel, mode=dr.ReduceMode.NoConflicts
+        )
     return table
+
+
+def _unpack_entry(entry):
+    """Give signal, its slope derivatives, band and diffuse part of an entry of `derivative_table`."""
+    signal, by_p, by_q, coded = entry
+    band = dr.floor(coded)
+    return signal, by_p, by_q, band, 2.0 * (coded - band) * signal
 
 
 def gaussian_share(robust: float) -> float:
@@ -241,12 +260,12 @@ def normal_equations(
 
     def density(lit, total, jacobian, polarity, fading):
         """Cost and gradient of the slope term; jacobian is that of log I at the event."""
-        (_, (signal_0, *slopes_0, band_0)), (_, (signal_1, *slopes_1, band_1)) = lit
+        (_, (signal_0, *slopes_0, band_0, diffuse_0)), (_, (signal_1, *slopes_1, band_1, diffuse_1)) = lit
         speed = polarity * (signal_1 - signal_0) / total  # of log I, per slot
         root = dr.sqrt(dr.square(speed) + dr.square(SMALLEST_SLOPE))
         by = [b - a for a, b in zip(slopes_0, slopes_1)]
         for b in range(n_band):
-            by.append(dr.select(band_1 == b, signal_1, 0.0) - dr.select(band_0 == b, signal_0, 0.0))
+            by.append(dr.select(band_1 == b, diffuse_1, 0.0) - dr.select(band_0 == b, diffuse_0, 0.0))
         gradient = [-(polarity * d / total - speed * j) / root for d, j in zip(by, jacobian)]
         cost = -dr.log(0.5 * (speed + root))
         if thresholds:
@@ -259,9 +278,8 @@ def normal_equations(
     lists = pairs.offset, pairs.phases
     n_more = 2 if thresholds else 0
     given = constant_light, n_pixel, n_band, scale, robust
-    return _sum_terms(
-        table, pairs, *lists, event, n_more, *given, density if slope_term else None, slope_term
-    )
+    slope = density if slope_term else None, slope_term
+    return _sum_terms(table, pairs, *lists, event, n_more, *given, *slope, pairs.weight)
 
 
 def silence_equations(
@@ -299,11 +317,13 @@ def _sum_terms(
     robust,
     density=None,
     slope_term=0.0,
+    weights=None,
 ):
     """Sum over one list of phase pairs.
 
     `residual(change of log I, polarity)` gives u, du/d(change), and for each of `n_more` unknowns of its own the
-    derivative of u and where it counts. `density`, if given, gives cost and gradient of the slope term.
+    derivative of u and where it counts. `density`, if given, gives cost and gradient of the slope term. `weights`,
+    if given, say how much each entry of the list counts.
     """
     Float, UInt32 = type(phases), type(offset)
     Array4f = _array(Float, 4)
@@ -318,24 +338,25 @@ def _sum_terms(
         logarithm, by = [], []
         for phase in phases_of_pair:
             lit = [
-                (share, dr.gather(Array4f, table, led * n_pixel + pixel, active))
+                (share, _unpack_entry(dr.gather(Array4f, table, led * n_pixel + pixel, active)))
                 for led, share in _lit(pairs, phase, active)
             ]
             total = constant_light + sum(share * entry[0] for share, entry in lit)
             derivative = [Float(0.0) for _ in range(2 + n_band)]
-            for share, (signal, by_p, by_q, band) in lit:
+            for share, (_, by_p, by_q, band, diffuse) in lit:
                 part = share / total
                 derivative[0] += part * by_p
                 derivative[1] += part * by_q
                 for b in range(n_band):
-                    derivative[2 + b] += dr.select(band == b, part * signal, 0.0)
+                    derivative[2 + b] += dr.select(band == b, part * diffuse, 0.0)
             logarithm.append(dr.log(total))
             by.append(derivative)
         u, gain, more = residual(logarithm[1] - logarithm[0], polarity)
         r, gain = u / scale, gain / scale
         excess = dr.square(r / robust)
-        weight = dr.rcp(1.0 + excess)
-        cost += 0.5 * dr.square(robust) * dr.log(1.0 + excess)
+        given = 1.0 if weights is None else dr.gather(Float, weights, k, active)
+        weight = given * dr.rcp(1.0 + excess)
+        cost += given * 0.5 * dr.square(robust) * dr.log(1.0 + excess)
         jacobian = [gain * (end - start) for start, end in zip(*by)]
         jacobian += [dr.select(where, value / scale, 0.0) for value, where in more]
         weighted = [weight * j for j in jacobian]
@@ -344,8 +365,8 @@ def _sum_terms(
         if density:
             fading = active & (phases_of_pair[1] > dr.floor(phases_of_pair[1]))
             slope_cost, slope = density(lit, total, by[1], polarity, fading)
-            cost += slope_term * slope_cost
-            scaled = [slope_term * s for s in slope]
+            cost += given * slope_term * slope_cost
+            scaled = [given * slope_term * s for s in slope]
             gradient = [g + s for g, s in zip(gradient, scaled)]
             squares = (scaled[i] * slope[j] for i in range(n) for j in range(i + 1))
             matrix = [m + s for m, s in zip(matrix, squares)]

@@ -100,9 +100,10 @@ def solve(
 
     Parameters
     ----------
-    model : callable (p, q, reflectance, softness) -> (signal, by_p, by_q)
-        Forward model, such as `shading.LambertianRing`: a PyTree of Dr.Jit arrays with the bands of the LEDs
-        in `illumination.band`; gives lists over LEDs.
+    model : callable (p, q, reflectance, softness) -> (signal, by_p, by_q[, diffuse])
+        Forward model, such as `shading.LambertianRing` or `gloss.GlossyRing`: a PyTree of Dr.Jit arrays with the
+        bands of the LEDs in `illumination.band`; gives lists over LEDs. `diffuse` is the part of the signal that
+        scales with the reflectance, all by default.
     pairs : PairData
         Event pairs.
     constant_light : Float
@@ -145,8 +146,8 @@ def solve(
     def evaluate(theta, softness, noise, fine, hyper):
         """Cost, gradient and matrix, prior included."""
         reflectance = [dr.exp(t) for t in theta[2 : 2 + n_band]]
-        signals = model(theta[0], theta[1], reflectance, softness)
-        table = derivative_table(*signals, model.illumination.band, dr.width(theta[0]))
+        signal, by_p, by_q, *diffuse = model(theta[0], theta[1], reflectance, softness)
+        table = derivative_table(signal, by_p, by_q, model.illumination.band, dr.width(theta[0]), *diffuse)
         given = (
             table,
             at_thresholds(heard, theta),
@@ -197,7 +198,7 @@ def solve(
     def residuals(theta, softness):
         """|u| of a few pairs of each pixel."""
         pixel = dr.arange(UInt32, dr.width(theta[0]))
-        signal, _, _ = model(theta[0], theta[1], [dr.exp(t) for t in theta[2 : 2 + n_band]], softness)
+        signal, *_ = model(theta[0], theta[1], [dr.exp(t) for t in theta[2 : 2 + n_band]], softness)
         table = signal_table(signal, dr.width(theta[0]))
         out, told = dr.zeros(Float, dr.width(few.phases) // 2), at_thresholds(few, theta)
         dr.eval(told.threshold_on, told.threshold_off)
