@@ -6,7 +6,7 @@ PY = .venv/bin/python
 PIP = $(PY) -m pip --disable-pip-version-check
 PINNED = -qq -c .ci/constraints.txt
 
-.PHONY: help demo test benchmark clean
+.PHONY: help demo test benchmark firmware bench clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -21,8 +21,16 @@ test: .venv/.ready-test  ## run all tests
 benchmark: .venv/.ready-test  ## measure accuracy and speed
 	$(PY) -m experiments.benchmark
 
+firmware:  ## build the ring's firmware; firmware/README.md tells how to flash it
+	@$(call GET_AVR,command -v avr-gcc)
+	$(MAKE) -C firmware
+
+bench: .venv/.ready  ## run the firmware on a simulated chip: timing, light, safety, protocol, normals
+	@$(call GET_AVR,command -v avr-gcc && command -v cc && ls /usr/include/simavr/sim_avr.h)
+	$(PY) -m experiments.bench
+
 clean:  ## remove the environment, the demo's results and what builds leave
-	rm -rf .venv $(DEMO) build evsdr.egg-info .pytest_cache
+	rm -rf .venv $(DEMO) firmware/build build evsdr.egg-info .pytest_cache
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/.ready: pyproject.toml .ci/constraints.txt
@@ -49,5 +57,17 @@ if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	done; \
 elif command -v apt-get >/dev/null; then \
 	(cd .venv && apt-get download libllvm19 && dpkg -x libllvm19_*.deb llvm && rm libllvm19_*.deb); \
+fi
+endef
+
+# The compiler for the ring's chip and its simulator, where apt has them; $(1) says if they are there.
+define GET_AVR
+if ! { $(1); } >/dev/null 2>&1; then \
+	packages="gcc gcc-avr avr-libc libsimavr-dev libelf-dev libc6-dev"; \
+	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+		apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $$packages; \
+	else \
+		echo "avr-gcc or libsimavr is missing; install them: sudo apt-get install $$packages" >&2; exit 1; \
+	fi; \
 fi
 endef

@@ -1,0 +1,118 @@
+"""What a fit does about gloss: nothing where the events show none, else a lobe or the paper's angular gate."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import drjit as dr
+import numpy as np
+
+from evsdr import lm
+from evsdr.gloss import GlossyRing, RoughCoating, gate_weights, pair_weights
+from evsdr.gloss_fit import fit_gloss, gloss_evidence, sort_materials
+from evsdr.problem import Problem
+from evsdr.shading import LambertianRing
+
+N_ROUND = 2  # of lobe, or gate, and maps
+AGAIN = ((0.01, None, 4),)  # the solver's descent from a solution
+
+
+def solve_gloss(
+    asked: str,
+    problem: Problem,
+    matt: lm.Solution,
+    effort: lm.Effort,
+    view=None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> tuple[Problem, lm.Solution, str]:
+    """Improve the solution of the matt model where the surface is glossy.
+
+    Parameters
+    ----------
+    asked : str
+        `auto`, `off`, `lobe` or `gate`.
+    problem : Problem
+        The pixels.
+    matt : lm.Solution
+        What the matt model finds.
+    effort : lm.Effort
+        How hard to try.
+    view : Array3f, optional
+        Unit vectors from surface to camera, camera frame; None is the axis of an orthographic camera.
+
+    Returns
+    -------
+    problem : Problem
+        With the contrast thresholds that the matt fit found, if it looked for them.
+    solution : lm.Solution
+    note : str
+        What was decided and why.
+    """
+    if asked == "off":
+        return problem, matt, "not modelled: asked for by --gloss off; robust weights only"
+    known = _with_found_thresholds(problem, matt)
+    if asked == "gate":
+        solution = matt
+        for _ in range(N_ROUND):
+            weights = gate_weights(problem.illumination, _normals(problem, solution.theta), view)
+            gated = replace(known.pairs, weight=pair_weights(known.pairs, weights))
+            solution = _again(replace(known, pairs=gated), effort, solution, None, progress)
+        return (
+            known,
+            _keep_thresholds(solution, matt),
+            "angular gate of EventSpecPS: asked for by --gloss gate",
+        )
+    evidence = gloss_evidence(known, matt.theta, matt.noise, RoughCoating, view)
+    if asked == "auto" and not evidence.is_worth_modelling():
+        shown = (
+            f"{max(evidence.z, 0):.1f} standard deviations, {evidence.error_deg:.2f} deg of expected error"
+        )
+        return problem, matt, f"not modelled: the residuals show {shown}; robust weights only"
+    solution, label = matt, None
+    for _ in range(N_ROUND):
+        gloss = fit_gloss(known, solution.theta, solution.noise, RoughCoating, label, view)
+        model = GlossyRing(problem.illumination, gloss.lobe(type(problem.pairs.phases)), view)
+        solution = _again(known, effort, solution, model, progress)
+        label = sort_materials(np.exp(solution.theta[:, 2:]))
+    lobes = ", ".join(
+        f"alpha {alpha:.2g} strength {strength:.2g}" for alpha, strength in zip(gloss.shape, gloss.strength)
+    )
+    why = (
+        f"left out it would cost {evidence.error_deg:.2g} deg"
+        if asked == "auto"
+        else "asked for by --gloss lobe"
+    )
+    return known, _keep_thresholds(solution, matt), f"rough dielectric coating, {lobes}: {why}"
+
+
+def _with_found_thresholds(problem: Problem, solution: lm.Solution) -> Problem:
+    if solution.threshold_gain is None:
+        return problem
+    pairs, Float = problem.pairs, type(problem.pairs.phases)
+    gains = [Float(np.ascontiguousarray(g, np.float32)) for g in solution.threshold_gain.T]
+    on, off = pairs.threshold_on * gains[0], pairs.threshold_off * gains[1]
+    dr.eval(on, off)
+    return replace(problem, pairs=replace(pairs, threshold_on=on, threshold_off=off))
+
+
+def _keep_thresholds(solution: lm.Solution, matt: lm.Solution) -> lm.Solution:
+    return replace(
+        solution,
+        threshold_gain=matt.threshold_gain,
+        threshold_gain_sigma=matt.threshold_gain_sigma,
+        n_step=matt.n_step + solution.n_step,
+    )
+
+
+def _normals(problem: Problem, theta: np.ndarray):
+    Array3f, Float = type(problem.illumination.direction[0]), type(problem.pairs.phases)
+    p, q = (Float(np.ascontiguousarray(column, np.float32)) for column in theta[:, :2].T)
+    return dr.normalize(Array3f(-p, -q, 1))
+
+
+def _again(problem: Problem, effort: lm.Effort, solution: lm.Solution, model, progress) -> lm.Solution:
+    """Solve on from a solution, with known thresholds."""
+    Float, light = type(problem.pairs.phases), problem.illumination
+    start = [Float(np.ascontiguousarray(column, np.float32)) for column in solution.theta.T]
+    effort = replace(effort, stages=AGAIN)
+    model = model or LambertianRing(light)
+    return lm.solve(model, problem.pairs, light.constant_light, start, problem.grid, effort, progress)

@@ -1,0 +1,1 @@
+"""The ring's firmware on a simulated ATmega328P: protocol, pins, light, events, normals."""

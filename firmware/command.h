@@ -1,0 +1,13 @@
+/* What the host may ask for; README.md documents the protocol. */
+#ifndef COMMAND_H
+#define COMMAND_H
+
+#include <stdint.h>
+
+#define PROTOCOL 1
+#define FIRMWARE "evsdr-ring-1.0"
+
+void command_boot(uint8_t reset_flags); /* tell that the ring has started */
+void command_poll(void);                /* answer the next line, if one has come */
+
+#endif
