@@ -59,18 +59,18 @@ def score(maps: Maps | Truth, truth: Maps | Truth) -> dict[str, float]:
     dict
         `mae_deg`, `median_deg`: mean and median angle between normals [deg]; `sam_deg`: mean angle between
         spectra [deg], 90 where one of two is zero; `rmse`: mean over pixels of the root mean square of the
-        differences over bands, absolute, without rescaling.
+        differences over bands, absolute, without rescaling. These two are left out where the true reflectance is 0
+        everywhere: not known.
     """
     mask = truth.mask
     angle = angular_error_deg(maps.normal[mask], truth.normal[mask])
+    out = {"mae_deg": float(angle.mean()), "median_deg": float(np.median(angle))}
     reflectance, true_reflectance = (m.reflectance[mask].astype(np.float64) for m in (maps, truth))
-    difference = np.sqrt(np.mean((reflectance - true_reflectance) ** 2, axis=-1))
-    return {
-        "mae_deg": float(angle.mean()),
-        "median_deg": float(np.median(angle)),
-        "sam_deg": float(angular_error_deg(reflectance, true_reflectance).mean()),
-        "rmse": float(difference.mean()),
-    }
+    if true_reflectance.any():
+        difference = np.sqrt(np.mean((reflectance - true_reflectance) ** 2, axis=-1))
+        out["sam_deg"] = float(angular_error_deg(reflectance, true_reflectance).mean())
+        out["rmse"] = float(difference.mean())
+    return out
 
 
 def read_truth(path: str | Path, height: int, width: int, n_band: int) -> Truth:

@@ -102,3 +102,11 @@ def test_truth_file_faults(tmp_path, arrays):
         path.write_bytes(data)
         with pytest.raises(InputError, match=r"not a readable \.npz"):
             read_truth(path, HEIGHT, WIDTH, N_BAND)
+
+
+def test_unknown_reflectance_is_not_scored():
+    """Photographs come with true normals only; their reflectance is stored as 0."""
+    normal, mask = np.tile([0.0, 0.0, 1.0], (HEIGHT, WIDTH, 1)), np.ones((HEIGHT, WIDTH), bool)
+    estimate = Truth(normal, np.full((HEIGHT, WIDTH, N_BAND), 0.5), mask)
+    truth = Truth(normal, np.zeros((HEIGHT, WIDTH, N_BAND)), mask)
+    assert set(score(estimate, truth)) == {"mae_deg", "median_deg"}
