@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 from scipy import ndimage
@@ -12,74 +11,23 @@ from evsdr import adam, lm
 from evsdr.problem import Problem
 from evsdr.records import Maps, Recording
 from evsdr.refractory import find_refractory
-from evsdr.scene import RingScene, surface_maps, trace_illumination
-from evsdr.shading import Illumination, LambertianRing
+from evsdr.scene import RingScene, camera_geometry, surface_maps
+from evsdr.shading import LambertianRing
 
 KNOWN_SIGMA_DEG = 30.0  # a normal known worse than this is not known
 MODEL_NORMAL_DEG, MODEL_REFLECTANCE = 0.05, 0.01  # what the model leaves out: degrees, share of reflectance
 # the same, times the squared turn of the normal over a pixel [rad]
 CURVED_NORMAL, CURVED_REFLECTANCE = 0.2, 0.5
 DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
-FACING = 0.05  # cosine from which a surface that faces an LED should be lit
-
-
-def choose_light(
-    ring: RingScene, shadows: str, spp: int, share: float, seed: int
-) -> tuple[Illumination, np.ndarray, str]:
-    """Trace the LEDs, with cast shadows where they are asked for or needed.
-
-    Parameters
-    ----------
-    shadows : str
-        `off`, `downweight`, `scene` or `auto`.
-    spp : int
-        Rays per pixel.
-    share : float
-        Share of shadowed (pixel, LED) above which `auto` models them.
-    seed : int
-        Of the rays; another than a simulation's, or its sampling noise would cancel.
-
-    Returns
-    -------
-    light : Illumination
-        Arrays of width 1 or height * width.
-    coverage : (height, width) float32
-        Share of each pixel that the object covers.
-    note : str
-        What was decided and why.
-    """
-    if shadows == "auto" and not ring.shape_is_known:
-        shadows, note = "off", "not modelled: the object is a rectangle, which stands for an unknown shape"
-    elif shadows == "auto":
-        found = cast_shadow_share(ring)
-        shadows = "scene" if found > share else "off"
-        note = (
-            f"{found:.2%} of the (pixel, LED) pairs that face each other are blocked on the scene's geometry"
-        )
-        note = f"{'traced' if shadows == 'scene' else 'not modelled'}: {note}"
-    else:
-        how = {
-            "off": "not modelled",
-            "scene": "traced on the scene's geometry",
-            "downweight": "down-weighted",
-        }
-        note = f"{how[shadows]}: asked for by --shadows {shadows}"
-    light, coverage = trace_illumination(ring, spp, shadows == "scene", seed)
-    return light, coverage, note
-
-
-def cast_shadow_share(ring: RingScene) -> float:
-    """Give the share of (pixel, LED) that face each other yet are blocked, on the scene's geometry."""
-    light, coverage = trace_illumination(ring, 1, True)
-    normal = surface_maps(ring, 1).normal.reshape(-1, 3)
-    covered = coverage.ravel() > 0
-    facing = blocked = 0
-    for direction, irradiance in zip(light.direction, light.irradiance):
-        cosine = np.sum(normal * np.broadcast_to(np.array(direction).T, normal.shape), axis=-1)
-        faces = covered & (cosine > FACING)
-        facing += np.count_nonzero(faces)
-        blocked += np.count_nonzero(faces & (irradiance.numpy() == 0))
-    return blocked / max(facing, 1)
+QUICK = {
+    "stages": (),
+    "n_sweep": 1,
+    "n_try": 2,
+    "n_final": 4,
+    "n_expectation": 1,
+    "fine": False,
+    "priors": None,
+}
 
 
 def start_normals(ring: RingScene, init: str) -> np.ndarray:
@@ -96,6 +44,8 @@ def solve(
     priors: tuple[str, ...],
     estimate_thresholds: bool = False,
     progress: Callable[[str, float], None] = lambda stage, share: None,
+    before: tuple[Maps, lm.Solution] | None = None,
+    quick: bool = False,
 ) -> lm.Solution:
     """Run the solver that the options name.
 
@@ -109,16 +59,27 @@ def solve(
         Of `priors.PARTS`: what pixels tell of each other.
     estimate_thresholds : bool
         Whether each pixel's contrast thresholds are unknown, too.
+    before : (Maps, Solution), optional
+        An earlier fit of these pixels, to start from instead.
+    quick : bool
+        Fit as well as is needed to see where light goes.
     """
     light = problem.illumination
-    normal = start_normal.reshape(-1, 3)[problem.pixel]
-    effort = lm.PRESETS[options.preset]
-    effort = replace(effort, priors=replace(effort.priors, parts=priors) if priors else None)
-    if options.shadows == "downweight":
-        effort = replace(effort, robust=DOWNWEIGHT_ROBUST)
-    reflectance = np.full((problem.n_pixel, light.n_band), lm.REFLECTANCE_CENTRE, np.float32)
+    effort = choose_effort(options, priors)
     n_step = 0
-    unknown_gain = [dr.zeros(mi.Float, problem.n_pixel) for _ in range(2 if estimate_thresholds else 0)]
+    log_gain = np.zeros((problem.n_pixel, 2), np.float32)
+    if before is None:
+        normal = start_normal.reshape(-1, 3)[problem.pixel]
+        reflectance = np.full((problem.n_pixel, light.n_band), lm.REFLECTANCE_CENTRE, np.float32)
+    else:
+        maps, solution = before
+        start_normal = maps.normal
+        normal = maps.normal.reshape(-1, 3)[problem.pixel]
+        reflectance = maps.reflectance.reshape(-1, light.n_band)[problem.pixel]
+        effort = replace(effort, **(QUICK if quick else {"stages": ()}))
+        if estimate_thresholds:
+            log_gain = np.log(solution.threshold_gain)
+    unknown_gain = [mi.Float(np.ascontiguousarray(g, np.float32)) for g in log_gain.T]
     if options.solver == "adam":
         settings = adam.AdamSettings()
         normal, reflectance = adam.solve(
@@ -139,12 +100,28 @@ def solve(
         LambertianRing(light),
         problem.pairs,
         light.constant_light,
-        to_theta(normal, reflectance) + unknown_gain,
+        to_theta(normal, reflectance) + (unknown_gain if estimate_thresholds else []),
         problem.grid,
         effort,
         progress,
     )
     return replace(solution, n_step=n_step or solution.n_step)
+
+
+def choose_effort(options, priors: tuple[str, ...]) -> lm.Effort:
+    """Give the effort of a preset with some priors, and with the weights that `--shadows` asks for."""
+    effort = lm.PRESETS[options.preset]
+    effort = replace(effort, priors=replace(effort.priors, parts=priors) if priors else None)
+    return replace(effort, robust=DOWNWEIGHT_ROBUST) if options.shadows == "downweight" else effort
+
+
+def view_directions(ring: RingScene, pixel: np.ndarray) -> mi.Vector3f | None:
+    """Give unit vectors from the surface to a perspective camera, camera frame; None if it is orthographic."""
+    geometry, _ = camera_geometry(ring.sensor)
+    if not geometry.perspective:
+        return None
+    points = geometry.points(np.ones((ring.height, ring.width))).reshape(-1, 3)[pixel]
+    return mi.Vector3f(*(-points / np.linalg.norm(points, axis=1, keepdims=True)).T.astype(np.float32))
 
 
 def to_theta(normal: np.ndarray, reflectance: np.ndarray) -> list[mi.Float]:

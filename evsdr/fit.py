@@ -38,8 +38,15 @@ class Options:
     solver: Literal["lm", "adam"] = "lm"
     """Per-pixel Levenberg-Marquardt, or the decoder of the EventSpecPS paper."""
     shadows: Literal["auto", "off", "scene", "estimate", "downweight"] = "auto"
-    """Cast shadows: traced on the scene's geometry, left out, down-weighted as outliers, or decided from the
-    scene."""
+    """Cast shadows: left out, traced on the scene's geometry, traced on the depth that the fitted normals give,
+    down-weighted as outliers, or decided from what they would change."""
+    leds: Literal["auto", "near", "far"] = "auto"
+    """LEDs at finite distance: direction and fall-off per pixel, one for all pixels, or decided from the parallax."""
+    light_paths: Literal["auto", "direct", "indirect"] = "auto"
+    """Light by way of other surfaces; auto models it where max_depth of the scene is above 1 and it counts."""
+    gloss: Literal["auto", "off", "lobe", "gate"] = "auto"
+    """Highlights: a rough dielectric coating fitted with the maps, the angular gate of the EventSpecPS paper, none of
+    both, or decided from the residuals."""
     thresholds: Literal["auto", "known", "estimate"] = "auto"
     """Contrast thresholds: as the recording tells, or estimated per pixel; auto estimates them where it tells
     one value for all pixels."""
@@ -63,8 +70,7 @@ class Options:
     """Where to compute; gpu needs an NVIDIA card."""
 
 
-SAMPLES = {"fast": 4, "balanced": 16, "accurate": 64}  # rays per pixel for visibility
-SHADOW_SHARE = 1e-3  # of (pixel, LED) that face each other, from which shadows are worth their rays
+MOST_RAYS = {"fast": 4, "balanced": 16, "accurate": 64}  # per pixel, for visibility
 WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
 CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
 CONTRARY_SHARE = 0.01  # of the pixels, from which they are worth a warning
@@ -83,8 +89,8 @@ def command(options: Options) -> None:
     """Fit, write the results, print a table."""
     out = options.out or options.events.with_name(options.events.stem)
     check_folder(out)
-    maps, summary = fit(options)
-    write_results(out, maps, summary)
+    maps, summary, surface = recover(options)
+    write_results(out, maps, summary, surface)
     rows = [(f"{name} [s]", f"{seconds:.2f}") for name, seconds in summary["seconds"].items()]
     rows += [(name, f"{value:.4f}") for name, value in summary.get("error", {}).items()]
     print_table(f"{options.scene} {options.events}", rows)
@@ -94,7 +100,12 @@ def command(options: Options) -> None:
 
 
 def fit(options: Options) -> tuple[Maps, dict]:
-    """Recover maps from a recording.
+    """Recover maps from a recording: `recover` without the surface."""
+    return recover(options)[:2]
+
+
+def recover(options: Options) -> tuple[Maps, dict, dict]:
+    """Recover maps and surface from a recording.
 
     Parameters
     ----------
@@ -106,6 +117,8 @@ def fit(options: Options) -> tuple[Maps, dict]:
     maps : Maps
     summary : dict
         What was modelled and why, numbers, seconds per stage, residuals, and errors if a truth is given.
+    surface : dict of callable (path)
+        What writes `depth.exr` and `mesh.ply`; empty where no pixel is known.
 
     Raises
     ------
@@ -115,25 +128,24 @@ def fit(options: Options) -> tuple[Maps, dict]:
     with warnings.catch_warnings(record=True) as caught, Stages("fit") as stages:
         warnings.simplefilter("always", InputWarning)
         try:
-            maps, summary = _fit(options, stages)
+            maps, summary, surface = _fit(options, stages)
         finally:
             messages = list(dict.fromkeys(str(w.message) for w in caught))
             for message in messages:
                 print(f"warning: {message}", file=sys.stderr)
-    return maps, summary | {"warnings": messages, "seconds": stages.seconds}
+    return maps, summary | {"warnings": messages, "seconds": stages.seconds}, surface
 
 
-def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
-    if options.shadows == "estimate":
-        raise InputError("--shadows estimate is not available yet; use scene, downweight or off.")
+def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
     check_range("--seed", options.seed, 0)
     parts = parse_priors(options.priors)
     with stages.stage("start"):
         from evsdr import jit
 
         jit.start("cuda_ad_spectral" if options.device == "gpu" else "llvm_ad_spectral")
-        from evsdr import decode, faults
+        from evsdr import decode, faults, transport
         from evsdr import scene as scenes
+        from evsdr.gloss_search import solve_gloss
         from evsdr.problem import make_problem
     with stages.stage("read events"):
         recording = read_recording(options.events)
@@ -151,10 +163,12 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
         if options.truth:
             truth = read_truth(options.truth, ring.height, ring.width, ring.leds.n_band)
     with stages.stage("trace light"):
-        light, coverage, shadows = decode.choose_light(
-            ring, options.shadows, SAMPLES[options.preset], SHADOW_SHARE, options.seed + 1
+        asked = transport.Asked(
+            options.shadows, options.leds, options.light_paths, MOST_RAYS[options.preset], options.seed + 1
         )
-        mask = coverage >= 0.5
+        traced = transport.first_light(ring, asked)
+        light = traced.illumination
+        mask = traced.coverage >= 0.5
         if not mask.any():
             raise InputError(f"{options.scene}: the camera does not see the shape object; move one of them.")
         if options.mask:
@@ -195,9 +209,31 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
             recording = replace(recording, schedule=replace(recording.schedule, order=order))
             problem = make_problem(recording, pairs, light, mask, hot)
             solution = decode.solve(problem, start_normal, options, parts, estimate, advance)
+        maps = decode.assemble_maps(problem, solution, mask.shape, ring)
+    with stages.stage("settle light") as advance:
+
+        def refit(light, fitted, quick):
+            problem = make_problem(recording, pairs, light, mask, hot)
+            before = fitted.maps, fitted.solution
+            solution = decode.solve(problem, start_normal, options, parts, estimate, advance, before, quick)
+            return transport.Fitted(
+                problem, solution, decode.assemble_maps(problem, solution, mask.shape, ring)
+            )
+
+        traced, fitted = transport.settle(
+            ring, traced, asked, transport.Fitted(problem, solution, maps), refit, advance
+        )
+        problem, solution, maps = fitted.problem, fitted.solution, fitted.maps
+    gloss = "angular gate, as published"
+    if options.solver == "lm":
+        with stages.stage("gloss") as advance:
+            view = decode.view_directions(ring, problem.pixel)
+            effort = decode.choose_effort(options, parts)
+            solution, gloss = solve_gloss(options.gloss, problem, solution, effort, view, advance)
+            maps = decode.assemble_maps(problem, solution, mask.shape, ring)
+            fitted = transport.Fitted(problem, solution, maps)
     if solution.noise <= MISFIT:
         warn_of_hot_pixels(options.events, pairs, problem, solution, hot)
-    maps = decode.assemble_maps(problem, solution, mask.shape, ring)
     if not maps.mask.any():
         warnings.warn(
             InputWarning(
@@ -228,15 +264,8 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
         "solver": options.solver,
         "preset": options.preset,
         "model": {
-            "cast shadows": shadows,
-            "LEDs": f"{ring.leds.n_led} in {ring.leds.n_band} bands, "
-            + (
-                "near: direction and fall-off per pixel"
-                if ring.is_near
-                else "far: one direction for all pixels"
-            ),
-            "light paths": "direct light only",
-            "gloss": "none; robust weights only",
+            **traced.notes,
+            "gloss": gloss,
             "silence": "used: between events log I stays within the thresholds"
             if options.solver == "lm"
             else "not used: the solver adam looks at events only",
@@ -261,7 +290,9 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict]:
     if truth is not None:
         summary["error"] = score(maps, truth)
         summary |= summary["error"]
-    return maps, summary
+    with stages.stage("surface"):
+        surface = transport.surface_of(ring, fitted) if maps.mask.any() else {}
+    return maps, summary, surface
 
 
 def warn_of_hot_pixels(path: Path, pairs, problem, solution, hot: np.ndarray) -> None:

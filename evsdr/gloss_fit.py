@@ -20,7 +20,7 @@ TOO_FEW = 2.0  # scatter of too few kinds, relative to that of MAX_KIND
 MOST = 0.9  # share of pixels that a scatter speaks of
 SAME_SPECTRUM = 0.05  # scatter of unit spectra that one material may have
 N_STEP = 25  # Levenberg-Marquardt steps
-LEAST_Z = 5.0  # score of gloss that is there
+LEAST_Z = 6.0  # score of gloss that is there
 NEAR_DEG = 25.0  # from a half vector: where a lobe shows
 KIND_SIGMA = (1.0, 0.5)  # of log strength and log shape of the kinds of one scene
 

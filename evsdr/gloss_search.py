@@ -23,7 +23,7 @@ def solve_gloss(
     effort: lm.Effort,
     view=None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
-) -> tuple[Problem, lm.Solution, str]:
+) -> tuple[lm.Solution, str]:
     """Improve the solution of the matt model where the surface is glossy.
 
     Parameters
@@ -41,37 +41,32 @@ def solve_gloss(
 
     Returns
     -------
-    problem : Problem
-        With the contrast thresholds that the matt fit found, if it looked for them.
     solution : lm.Solution
     note : str
         What was decided and why.
     """
     if asked == "off":
-        return problem, matt, "not modelled: asked for by --gloss off; robust weights only"
+        return matt, "not modelled: asked for by --gloss off; robust weights only"
     known = _with_found_thresholds(problem, matt)
     if asked == "gate":
         solution = matt
         for _ in range(N_ROUND):
             weights = gate_weights(problem.illumination, _normals(problem, solution.theta), view)
-            gated = replace(known.pairs, weight=pair_weights(known.pairs, weights))
-            solution = _again(replace(known, pairs=gated), effort, solution, None, progress)
-        return (
-            known,
-            _keep_thresholds(solution, matt),
-            "angular gate of EventSpecPS: asked for by --gloss gate",
-        )
+            gated = replace(problem.pairs, weight=pair_weights(problem.pairs, weights))
+            solution = _again(replace(problem, pairs=gated), effort, solution, None, progress)
+        return solution, "angular gate of EventSpecPS: asked for by --gloss gate"
     evidence = gloss_evidence(known, matt.theta, matt.noise, RoughCoating, view)
     if asked == "auto" and not evidence.is_worth_modelling():
         shown = (
             f"{max(evidence.z, 0):.1f} standard deviations, {evidence.error_deg:.2f} deg of expected error"
         )
-        return problem, matt, f"not modelled: the residuals show {shown}; robust weights only"
-    solution, label = matt, None
+        return matt, f"not modelled: the residuals show {shown}; robust weights only"
+    solution, label, known = matt, None, problem  # thresholds of a matt fit have taken gloss for their own
     for _ in range(N_ROUND):
         gloss = fit_gloss(known, solution.theta, solution.noise, RoughCoating, label, view)
         model = GlossyRing(problem.illumination, gloss.lobe(type(problem.pairs.phases)), view)
-        solution = _again(known, effort, solution, model, progress)
+        solution = _again(problem, effort, solution, model, progress)
+        known = _with_found_thresholds(problem, solution)
         label = sort_materials(np.exp(solution.theta[:, 2:]))
     lobes = ", ".join(
         f"alpha {alpha:.2g} strength {strength:.2g}" for alpha, strength in zip(gloss.shape, gloss.strength)
@@ -81,7 +76,7 @@ def solve_gloss(
         if asked == "auto"
         else "asked for by --gloss lobe"
     )
-    return known, _keep_thresholds(solution, matt), f"rough dielectric coating, {lobes}: {why}"
+    return solution, f"rough dielectric coating, {lobes}: {why}"
 
 
 def _with_found_thresholds(problem: Problem, solution: lm.Solution) -> Problem:
@@ -94,15 +89,6 @@ def _with_found_thresholds(problem: Problem, solution: lm.Solution) -> Problem:
     return replace(problem, pairs=replace(pairs, threshold_on=on, threshold_off=off))
 
 
-def _keep_thresholds(solution: lm.Solution, matt: lm.Solution) -> lm.Solution:
-    return replace(
-        solution,
-        threshold_gain=matt.threshold_gain,
-        threshold_gain_sigma=matt.threshold_gain_sigma,
-        n_step=matt.n_step + solution.n_step,
-    )
-
-
 def _normals(problem: Problem, theta: np.ndarray):
     Array3f, Float = type(problem.illumination.direction[0]), type(problem.pairs.phases)
     p, q = (Float(np.ascontiguousarray(column, np.float32)) for column in theta[:, :2].T)
@@ -110,9 +96,13 @@ def _normals(problem: Problem, theta: np.ndarray):
 
 
 def _again(problem: Problem, effort: lm.Effort, solution: lm.Solution, model, progress) -> lm.Solution:
-    """Solve on from a solution, with known thresholds."""
+    """Solve on from a solution, with thresholds unknown if they were."""
     Float, light = type(problem.pairs.phases), problem.illumination
-    start = [Float(np.ascontiguousarray(column, np.float32)) for column in solution.theta.T]
+    columns = list(solution.theta.T)
+    if solution.threshold_gain is not None:
+        columns += list(np.log(solution.threshold_gain).T)
+    start = [Float(np.ascontiguousarray(column, np.float32)) for column in columns]
     effort = replace(effort, stages=AGAIN)
     model = model or LambertianRing(light)
-    return lm.solve(model, problem.pairs, light.constant_light, start, problem.grid, effort, progress)
+    again = lm.solve(model, problem.pairs, light.constant_light, start, problem.grid, effort, progress)
+    return replace(again, n_step=solution.n_step + again.n_step)

@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 
@@ -13,7 +14,9 @@ from evsdr.files import atomic_folder
 from evsdr.records import Maps
 
 
-def write_results(folder: str | Path, maps: Maps, summary: dict) -> None:
+def write_results(
+    folder: str | Path, maps: Maps, summary: dict, more: dict[str, Callable[[Path], None]] | None = None
+) -> None:
     """Write maps and summary into a folder, all files or none.
 
     `maps.npz`, `normal.exr`, `reflectance.exr`, `normal.png`, `reflectance.png`, `summary.json`.
@@ -26,6 +29,8 @@ def write_results(folder: str | Path, maps: Maps, summary: dict) -> None:
         Finite everywhere.
     summary : dict
         Numbers (NumPy's too), texts, lists and dicts of them, without NaN or infinity.
+    more : dict of callable (path), optional
+        Further files by name, each with what writes it.
 
     Raises
     ------
@@ -49,6 +54,8 @@ def write_results(folder: str | Path, maps: Maps, summary: dict) -> None:
         colour = reflectance_to_srgb(maps.reflectance, maps.band_wavelength_nm)
         colour = np.where(maps.mask[..., None], np.round(255 * colour), 0)
         write_png(temporary / "reflectance.png", colour.astype(np.uint8))
+        for name, write in (more or {}).items():
+            write(temporary / name)
         (temporary / "summary.json").write_text(text + "\n", encoding="utf-8")
 
 

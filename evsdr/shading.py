@@ -26,12 +26,15 @@ class Illumination:
         Band of each LED.
     constant_light : Float
         C_w.
+    indirect : list of Float, (n_led) of width n_pixel, optional
+        What each LED sends by way of other surfaces, in the unit of the irradiance; whatever the pixel's normal.
     """
 
     direction: list
     irradiance: list
     band: list
     constant_light: object
+    indirect: list | None = None
 
     @property
     def n_led(self) -> int:
@@ -48,8 +51,9 @@ class Illumination:
             return value if dr.width(value) == 1 else dr.gather(type(value), value, pixel)
 
         direction, irradiance = [pick(d) for d in self.direction], [pick(e) for e in self.irradiance]
-        dr.make_opaque(direction, irradiance)
-        return Illumination(direction, irradiance, self.band, self.constant_light)
+        indirect = None if self.indirect is None else [pick(e) for e in self.indirect]
+        dr.make_opaque(direction, irradiance, indirect)
+        return Illumination(direction, irradiance, self.band, self.constant_light, indirect)
 
 
 def soft_max0(x, softness):
@@ -80,12 +84,15 @@ def led_signals(illumination: Illumination, normal, reflectance: list) -> list:
     list of Float, (n_led) of width n_pixel
         A_xj. Differentiable in normal and reflectance.
     """
-    return [
+    direct = [
         reflectance[b] * irradiance * dr.maximum(dr.dot(normal, direction), 0.0)
         for direction, irradiance, b in zip(
             illumination.direction, illumination.irradiance, illumination.band
         )
     ]
+    if illumination.indirect is None:
+        return direct
+    return [a + reflectance[b] * e for a, b, e in zip(direct, illumination.band, illumination.indirect)]
 
 
 def pixel_horizon(p, q, grid: Grid):
@@ -160,4 +167,6 @@ class LambertianRing:
             signal.append(gain * soft_max0(cosine, softness))
             by_p.append(slope * (cosine * nx - d.x))
             by_q.append(slope * (cosine * ny - d.y))
+        if light.indirect is not None:
+            signal = [a + reflectance[b] * e for a, b, e in zip(signal, light.band, light.indirect)]
         return signal, by_p, by_q

@@ -160,13 +160,18 @@ class RingIntegrator(mi.SamplingIntegrator):
 
     # ------------------------------------------------------------------ inverse: image-space textures
 
-    def illumination(self, scene, sensor, spp, seed=0, shadows=True) -> tuple[Illumination, mi.Float]:
+    def illumination(
+        self, scene, sensor, spp, seed=0, shadows=True, skip=0.0
+    ) -> tuple[Illumination, mi.Float]:
         """Trace what the LEDs send to each pixel of the shape `object`.
 
         Parameters
         ----------
         shadows : bool
             Trace cast shadows; else every LED is visible.
+        skip : float
+            Occluders nearer than that don't count [scene units]: on a mesh made of the pixels, facets would
+            shadow each other.
 
         Returns
         -------
@@ -189,7 +194,7 @@ class RingIntegrator(mi.SamplingIntegrator):
                 if far[j] and not shadows:
                     continue
                 ds, geometry = toward_led(leds, j, si, sample, active)
-                lit = visible(scene, si, ds, active) if shadows else active
+                lit = visible(scene, si, ds, active, skip) if shadows else active
                 if far[j]:
                     values.append(dr.select(lit, geometry, 0.0))
                 else:
@@ -279,9 +284,13 @@ def seen(leds: Leds, j: int, si, active) -> mi.Float:
     return dr.select(front, 1.0, 0.0)
 
 
-def visible(scene, si, ds, active) -> mi.Bool:
-    """Trace a shadow ray from a surface point to a sampled LED."""
-    return active & ~scene.ray_test(si.spawn_ray_to(ds.p), True, active)
+def visible(scene, si, ds, active, skip=0.0) -> mi.Bool:
+    """Trace a shadow ray from a surface point to a sampled LED; its first stretch `skip` is free."""
+    ray = si.spawn_ray_to(ds.p)
+    if skip > 0:
+        ray.o += mi.Vector3f(dr.sign(dr.dot(si.n, si.to_world(si.wi))) * si.n) * (0.25 * skip) + skip * ds.d
+        ray.maxt -= skip / ds.dist
+    return active & ~scene.ray_test(ray, True, active)
 
 
 def pixel_mean(scene, sensor, spp, seed, n_value, measure) -> list[mi.Float]:

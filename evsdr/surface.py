@@ -1,0 +1,103 @@
+"""From fitted normals to depth, the mesh that shadow rays are traced on, and the mesh to look at."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+
+from evsdr.depth import Depth, integrate_normals, write_depth
+from evsdr.mesh import SurfaceMesh, make_mesh, write_mesh
+from evsdr.records import Maps
+from evsdr.results import reflectance_to_srgb
+
+MARGIN = 2  # pixels around the image: one that the mesh reaches, one more for cubic interpolation
+
+
+def depth_of(maps: Maps, mask: np.ndarray, camera, anchor: np.ndarray) -> Depth:
+    """Integrate the fitted normals over all pixels that were solved; unknown ones hang on their neighbours.
+
+    Parameters
+    ----------
+    maps : Maps
+    mask : (H, W) bool
+        Pixels solved.
+    camera : CameraGeometry
+    anchor : (H, W) float
+        Depth of the scene's object, which gives each piece its mean depth; 0 where it is not seen.
+    """
+    seen = mask & (anchor > 0) if camera.perspective else mask
+    anchor = np.where(seen, anchor, anchor[seen].mean() if seen.any() else 1.0)
+    return integrate_normals(maps.normal, mask, camera, maps.normal_sigma_deg, anchor)
+
+
+def traced_mesh(depth: Depth, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Make the mesh that stands for the surface when light is traced.
+
+    It has two vertices per pixel, as facets of whole pixels would cut off the ridges that cast shadows. It reaches one pixel beyond the mask so that the outermost pixels lie on it
+    whole, and has walls along the lines of sight at depth discontinuities, so that no light leaks through.
+
+    Parameters
+    ----------
+    depth : Depth
+    to_world : (4, 4) float
+        From the camera frame to the world.
+
+    Returns
+    -------
+    position : (n_vertex, 3) float
+        Vertices in the world.
+    face : (n_face, 3) int
+        Their number depends on the mask alone.
+    """
+    mask = np.pad(depth.mask, MARGIN)
+    near = tuple(ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True))
+    filled = np.pad(depth.depth, MARGIN)[near]
+    component = np.pad(depth.component, MARGIN)[near]
+    grown = ndimage.binary_dilation(mask, np.ones((3, 3)))
+    value = _refined(_refined(filled, 0), 1)
+    row, column = (1 + 0.5 * np.arange(n) for n in value.shape)
+    whole = np.ix_(np.floor(row + 0.5).astype(int), np.floor(column + 0.5).astype(int))
+    component, grown = component[whole], grown[whole]
+    camera = depth.camera
+    x = (column - MARGIN + 0.5 - camera.center[0]) * camera.pixel_size[0]
+    y = (camera.center[1] - (row - MARGIN) - 0.5) * camera.pixel_size[1]
+    xy = np.stack(np.meshgrid(x, y), axis=-1)
+    if camera.perspective:
+        xy = value[..., None] * xy
+    position = np.concatenate([xy, -value[..., None]], axis=-1)
+    index = np.full(value.shape, -1)
+    index[grown] = np.arange(np.count_nonzero(grown))
+    corner = [index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]]
+    piece = [component[:-1, :-1], component[:-1, 1:], component[1:, :-1], component[1:, 1:]]
+    kept = np.all([c >= 0 for c in corner], axis=0) & np.all([p == piece[0] for p in piece], axis=0)
+    a, b, c, d = (index[kept] for index in corner)
+    face = np.concatenate([np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)])
+    return position[grown] @ to_world[:3, :3].T + to_world[:3, 3], face
+
+
+def _refined(value: np.ndarray, axis: int) -> np.ndarray:
+    """Put cubic midpoints between the inner samples of an axis: (-1, 9, 9, -1) / 16; its ends fall away."""
+    v = np.moveaxis(value, axis, 0)
+    middle = (9 * (v[1:-2] + v[2:-1]) - v[:-3] - v[3:]) / 16
+    out = np.empty((2 * len(middle) + 1, *v.shape[1:]))
+    out[::2], out[1::2] = v[1:-1], middle
+    return np.moveaxis(out, 0, axis)
+
+
+def surface_files(depth: Depth, maps: Maps, to_world: np.ndarray) -> dict:
+    """Give what writes `depth.exr` and `mesh.ply`, for `results.write_results`."""
+    known = depth.mask & maps.mask
+    shown = replace(depth, mask=known, depth=np.where(known, depth.depth, 0))
+    mesh = shown_mesh(depth, maps, to_world)
+    return {
+        "depth.exr": lambda path: write_depth(path, shown),
+        "mesh.ply": lambda path: write_mesh(path, mesh),
+    }
+
+
+def shown_mesh(depth: Depth, maps: Maps, to_world: np.ndarray) -> SurfaceMesh:
+    """Make the mesh to look at, in the world, from the pixels whose normals are known."""
+    component, _ = ndimage.label(maps.mask)
+    known = replace(depth, mask=depth.mask & maps.mask, component=component)
+    colour = reflectance_to_srgb(maps.reflectance, maps.band_wavelength_nm)
+    return make_mesh(known, maps.normal, colour, to_world)

@@ -1,0 +1,142 @@
+"""Inter-reflections for inverse problems: the ring's light gathered over known normals and reflectances.
+
+A Lambertian pixel takes in the mean over its hemisphere, weighted by the cosine, of what the surfaces around it
+send. In the integrator's unit that is the mean of their own signals A_yj, which on the object are those of its
+pixels.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from evsdr.integrators.leds import Leds
+
+SEQUENCE = 0.7548776662466927, 0.5698402909980532  # additive recurrence of low discrepancy in the unit square
+NEAR_ENOUGH = 3.0  # pixels between a point that a ray hits and what the camera sees there
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The object as its pixels show it.
+
+    Attributes
+    ----------
+    shape : mi.ShapePtr
+        Its geometry.
+    place : mi.SurfaceInteraction3f, (n_pixel)
+        What the pixels' centres see.
+    normal : mi.Vector3f, (n_pixel)
+        Unit normals, in the world.
+    reflectance : list of mi.Float, (n_band) of width n_pixel
+    known : mi.Bool, (n_pixel)
+        Pixels of the object with normal and reflectance.
+    pixel_of : callable (mi.Point3f) -> (mi.UInt32, mi.Bool)
+        The pixel that sees a point of the world if nothing is before it, and whether there is one.
+    pixel_size : float
+        At the object's distance [scene units].
+    """
+
+    shape: mi.ShapePtr
+    place: mi.SurfaceInteraction3f
+    normal: mi.Vector3f
+    reflectance: list
+    known: mi.Bool
+    pixel_of: object
+    pixel_size: float
+
+
+def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: int, skip: float) -> list:
+    """Gather what other surfaces send to each pixel: one inter-reflection more than `signal` holds.
+
+    The object sends what its pixels show to the camera; parts that the camera does not see reflect direct light
+    like the mean pixel, other shapes reflect direct light by their own materials.
+
+    Parameters
+    ----------
+    signal : list of mi.Float, (n_led) of width n_pixel
+        A_xj of the object's pixels.
+    n_ray : int
+        Rays per pixel.
+    seed : int
+        Of the rays.
+    skip : float
+        What is hit nearer than that is the surface itself [scene units].
+
+    Returns
+    -------
+    list of mi.Float, (n_led) of width n_pixel
+        Irradiance by way of other surfaces, in the unit of the direct one.
+    """
+    n_pixel = dr.width(surface.place)
+    frame = mi.Frame3f(surface.normal)
+    mean = _mean_reflectance(surface)
+    node = [mi.Spectrum(n) for n in leds.node_nm.tolist()]
+    weight = [mi.Spectrum(w) for w in leds.weight.tolist()]
+    context = mi.BSDFContext()
+    generator = mi.PCG32(size=n_pixel, initstate=dr.opaque(mi.UInt64, seed))
+    shift = mi.Point2f(generator.next_float32(), generator.next_float32())
+    seen_at = dr.select(surface.known, surface.place.p, mi.Point3f(dr.inf))
+    dr.eval(frame, shift, signal, seen_at, mean)
+
+    def body(k, *total):
+        place = shift + mi.Float(k) * mi.Point2f(*SEQUENCE)
+        local = mi.warp.square_to_cosine_hemisphere(place - dr.floor(place))
+        ray = surface.place.spawn_ray(frame.to_world(local))
+        ray.o += skip * ray.d
+        si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=False, active=surface.known)
+        hit = surface.known & si.is_valid()
+        own = hit & (si.shape == surface.shape)
+        pixel, inside = surface.pixel_of(si.p)
+        there = dr.gather(mi.Point3f, seen_at, pixel, own & inside)
+        seen = own & inside & (dr.norm(there - si.p) < NEAR_ENOUGH * surface.pixel_size)
+        lit = hit & ~seen
+        bsdf = si.bsdf(ray)
+        facing = dr.mulsign(si.n, dr.dot(si.n, -ray.d))
+        out = []
+        for j, sent in enumerate(total):
+            si.wavelengths = node[leds.band[j]]
+            ds, geometry = _toward(leds, j, si, lit)
+            f_cos = dr.sum(bsdf.eval(context, si, si.to_local(ds.d), lit & ~own) * weight[leds.band[j]]) * dr.pi
+            of_mean = mean[leds.band[j]] * dr.maximum(dr.dot(facing, ds.d), 0.0)
+            strength = float(leds.power[j]) * geometry * dr.select(own, of_mean, f_cos)
+            open_ = lit & (strength > 0) & ~scene.ray_test(si.spawn_ray_to(ds.p), False, lit & (strength > 0))
+            value = dr.select(open_, strength, 0.0) + dr.gather(mi.Float, signal[j], pixel, seen)
+            out.append(sent + value)
+        return (k + 1, *out)
+
+    zero = [dr.zeros(mi.Float, n_pixel) for _ in range(leds.n_led)]
+    state = dr.while_loop((mi.UInt32(0), *zero), lambda k, *_: k < n_ray, body, label="gathering rays")
+    return [total / n_ray for total in state[1:]]
+
+
+def _mean_reflectance(surface: Surface) -> list:
+    """Give the mean of the known pixels, per band."""
+    count = max(int(dr.count(surface.known)[0]), 1)
+    mean = [float(dr.sum(dr.select(surface.known, r, 0.0))[0]) / count for r in surface.reflectance]
+    return [dr.opaque(mi.Float, m) for m in mean]
+
+
+def _toward(leds: Leds, j: int, si, active):
+    """Sample the middle of LED j as seen from a point: direction and fall-off."""
+    at_peak = type(si)(si)
+    at_peak.wavelengths = mi.Spectrum(float(leds.peak_nm[j]))
+    ds, arriving = leds.emitter[j].sample_direction(at_peak, mi.Point2f(0.5), active)
+    return ds, dr.select(active, arriving[0] / float(leds.peak[j]), 0.0)
+
+
+def pixel_finder(width: int, height: int, pixel_size, center, perspective: bool, to_world: np.ndarray):
+    """Make the callable `Surface.pixel_of` of a camera; arguments as in `depth.CameraGeometry`."""
+    axes = [mi.Vector3f(*axis) for axis in to_world[:3, :3].T.tolist()]
+    origin = mi.Point3f(*to_world[:3, 3].tolist())
+
+    def pixel_of(point):
+        x, y, z = (dr.dot(axis, point - origin) for axis in axes)
+        if perspective:
+            x, y = x / -z, y / -z
+        column = dr.floor(x / pixel_size[0] + center[0])
+        row = dr.floor(center[1] - y / pixel_size[1])
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        return mi.UInt32(dr.select(inside, row * width + column, 0.0)), inside
+
+    return pixel_of
