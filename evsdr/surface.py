@@ -25,9 +25,11 @@ def depth_of(maps: Maps, mask: np.ndarray, camera, anchor: np.ndarray) -> Depth:
     anchor : (H, W) float
         Depth of the scene's object, which gives each piece its mean depth; 0 where it is not seen.
     """
-    seen = mask & (anchor > 0) if camera.perspective else mask
-    anchor = np.where(seen, anchor, anchor[seen].mean() if seen.any() else 1.0)
-    return integrate_normals(maps.normal, mask, camera, maps.normal_sigma_deg, anchor)
+    seen = mask & (anchor > 0)
+    if not seen.any():
+        return integrate_normals(maps.normal, mask, camera, maps.normal_sigma_deg)
+    nearest = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
+    return integrate_normals(maps.normal, mask, camera, maps.normal_sigma_deg, anchor[tuple(nearest)])
 
 
 def traced_mesh(depth: Depth, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -112,13 +112,14 @@ def first_light(ring: RingScene, asked: Asked) -> Light:
     shadows, note = shape_counts, SHADOW_NOTES.get(asked.shadows, "")
     light, rays = plain, f"{TRIAL_RAYS}: for the object's outline; no visibility is sampled"
     if shape_counts:
-        light, _ = trace_illumination(ring, TRIAL_RAYS, True, asked.seed)
-        if asked.shadows == "auto":
-            error = mean_error(look, plain, light)
+        if asked.shadows == "auto":  # at pixel centres, where the normals are: others may lie behind the horizon
+            centres, _ = trace_illumination(ring, 1, True)
+            error = mean_error(look, plain, centres)
             shadows = error > LIMIT_DEG
             expected["cast shadows"] = error
-            note = shadow_note(shadows, blocked_share(look, plain, light), error, "the scene's geometry")
+            note = shadow_note(shadows, blocked_share(look, plain, centres), error, "the scene's geometry")
     if shadows:
+        light, _ = trace_illumination(ring, TRIAL_RAYS, True, asked.seed)
         light, rays = choose_rays(ring, look, light, asked)
     else:
         light = plain
@@ -342,7 +343,7 @@ def settle(
     if unknown:
         plain = trace(scene, False, TRIAL_RAYS, look)
         if shadows_open:
-            shadowed = trace(scene, True, TRIAL_RAYS, look)
+            shadowed = trace(scene, True, 1, look)
             error = expected["cast shadows"] = mean_error(look, plain, shadowed)
             shadows = asked.shadows == "estimate" or error > LIMIT_DEG
             if asked.shadows == "auto":

@@ -334,7 +334,6 @@ def test_bad_truth(commands):
 @pytest.mark.parametrize(
     "argv, words",
     [
-        (["--shadows", "estimate"], "--shadows estimate is not available"),
         (["--seed", "-1"], "--seed is -1"),
         (["--seed", str(10**30)], "--seed is 1000"),
         (["--device", "gpu"], "cuda_ad_spectral"),
@@ -551,7 +550,7 @@ def test_rectangle_stands_for_an_unknown_shape(commands):
     plane = f'<shape type="rectangle" id="object">{large}{DIFFUSE}</shape>'
     (commands.folder / "plane.xml").write_text(scene(shape=plane))
     maps, summary = commands.results("--truth", commands.folder / "truth.npz", scene="plane.xml")
-    assert "unknown shape" in summary["model"]["cast shadows"]
+    assert "estimated depth" in summary["model"]["cast shadows"]
     assert summary["mae_deg"] < 6
     assert summary["numbers"]["pixels_solved"] == WIDTH * HEIGHT
     assert not maps["mask"][:, 0].any()  # dark: no events there
@@ -575,7 +574,7 @@ def test_perspective_camera(commands):
 
 def test_near_light(commands):
     _, summary = recover(commands, scene(light=leds(distance=4)))
-    assert summary["model"]["LEDs"].endswith("near: direction and fall-off per pixel")
+    assert summary["model"]["LEDs"].startswith("8 in 2 bands, near: direction and fall-off per pixel")
     assert summary["mae_deg"] < 5
 
 
