@@ -224,8 +224,8 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
             ring, traced, asked, transport.Fitted(problem, solution, maps), refit, advance
         )
         problem, solution, maps = fitted.problem, fitted.solution, fitted.maps
-    gloss = "angular gate, as published"
-    if options.solver == "lm":
+    gloss = "angular gate, as published" if options.solver == "adam" else "not looked for by the preset fast"
+    if options.solver == "lm" and (options.preset, options.gloss) != ("fast", "auto"):
         with stages.stage("gloss") as advance:
             view = decode.view_directions(ring, problem.pixel)
             effort = decode.choose_effort(options, parts)

@@ -373,6 +373,7 @@ def settle(
     if not (shadows_open and shadows or moved or indirect):
         return replace(light, notes=notes, expected=expected), fitted
 
+    first_change = 0.0
     for round_ in range(MOST_ROUNDS):
         new = traced_light(TRIAL_RAYS)
         change = mean_error(look, model, new)

@@ -18,7 +18,6 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = REPOSITORY / "scenes"
 WAYS = ("off", "downweight", "estimate", "scene")
 MESHES = {"nefertiti": "nefertiti-lowres.obj", "skull": "skull_low_resolution.obj"}
-TURN = {"nefertiti": (-90.0, 0.0, 0.0), "skull": (0.0, 0.0, 0.0)}  # degrees about x, y, z: faces the camera
 BLOCKED = 0.5  # visibility below which an LED counts as shadowed
 
 
@@ -88,9 +87,8 @@ def cases(folder: Path) -> list[Case]:
 
 
 def write_mesh_scene(name: str, file: Path, folder: Path) -> Path:
-    """Write a scene with a mesh, turned and scaled into the film."""
+    """Write a scene with a mesh, scaled into the film."""
     mesh = trimesh.load(file, force="mesh", process=True)
-    mesh.apply_transform(trimesh.transformations.euler_matrix(*np.radians(TURN[name])))
     mesh.apply_translation(-mesh.bounds.mean(axis=0))
     mesh.apply_scale(1.05 / np.abs(mesh.bounds[:, :2]).max())
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,118 @@
+"""What each modelled effect of light transport buys and costs, for scenes that need it and scenes that don't."""
+
+import io
+import re
+import warnings
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from evsdr import fit, simulate
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SCENES = REPOSITORY / "scenes"
+DISTANCE = 300.0  # times that of the near ring
+
+
+@dataclass(frozen=True)
+class Case:
+    """An effect, tried on one recording.
+
+    Attributes
+    ----------
+    effect : str
+    scene : str
+        What is recorded, of `scenes/`; or `distant_ring`, see `write_distant_ring`.
+    fitted : str
+        What is fitted: the same, or one whose object is a placeholder.
+    define : tuple of str
+        For both.
+    ways : dict of dict
+        Options of the fit by name: without the effect, with it, and as `auto` decides.
+    decision : str
+        The entry of the summary's `model` that says what `auto` decided.
+    """
+
+    effect: str
+    scene: str
+    fitted: str
+    define: tuple
+    ways: dict
+    decision: str
+
+
+@dataclass(frozen=True)
+class Result:
+    """Errors and cost of one way: degrees, RMSE, seconds of tracing and solving; and what was decided."""
+
+    way: str
+    mae_deg: float
+    rmse: float
+    seconds: float
+    decision: str
+
+
+def _ways(option: str, without: str, with_: str) -> dict:
+    return {name: {option: name} for name in (without, with_, "auto")}
+
+
+SHADOWS, UNKNOWN = _ways("shadows", "off", "scene"), _ways("shadows", "off", "estimate")
+LEDS, PATHS = _ways("leds", "far", "near"), _ways("light_paths", "direct", "indirect")
+CASES = (
+    Case("cast shadows", "sphere", "sphere", (), SHADOWS, "cast shadows"),
+    Case("cast shadows", "sphere_pole", "sphere_pole", (), SHADOWS, "cast shadows"),
+    Case("shape unknown", "relief", "relief_unknown", (), UNKNOWN, "cast shadows"),
+    Case("near LEDs", "near_ring", "near_ring", (), LEDS, "LEDs"),
+    Case("near LEDs", "distant_ring", "distant_ring", (), LEDS, "LEDs"),
+    Case("indirect light", "relief", "relief", ("max_depth=3",), PATHS, "light paths"),
+    Case("indirect light", "sphere_pole", "sphere_pole", ("max_depth=3",), PATHS, "light paths"),
+)
+
+
+def scene_file(name: str, folder: Path) -> Path:
+    """Find a scene by its name."""
+    file = folder / f"{name}.xml"
+    return file if file.is_file() else SCENES / f"{name}.xml"
+
+
+def write_distant_ring(folder: Path) -> None:
+    """Write the blob under the near ring, moved away to DISTANCE times as far and as much stronger."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rig = (SCENES / "ring24_near.xml").read_text()
+    rig = re.sub(r' ([xyz])="([-\d.e]+)"', lambda m: f' {m[1]}="{DISTANCE * float(m[2])}"', rig)
+    strength = re.compile(r'name="values" value="([^"]*)"')
+    rig = strength.sub(
+        lambda m: f'name="values" value="{" ".join(f"{DISTANCE**2 * float(v):g}" for v in m[1].split())}"', rig
+    )
+    (folder / "rig.xml").write_text(rig)
+    (folder / "distant_ring.xml").write_text(f"""<scene version="3.0.0">
+    <integrator type="ring"><float name="constant_light" value="0.05"/></integrator>
+    <include filename="{SCENES / "camera.xml"}"/>
+    <include filename="{folder / "rig.xml"}"/>
+    <shape type="ply" id="object"><string name="filename" value="{SCENES / "blob.ply"}"/>
+        <bsdf type="diffuse"><spectrum name="reflectance" value="400:0.3, 500:0.4, 640:0.6"/></bsdf></shape>
+</scene>
+""")
+
+
+def run(case: Case, folder: Path, size: int) -> list[Result]:
+    """Record once, fit without the effect, with it, and as `auto` decides."""
+    define = (f"size={size}", *case.define)
+    quiet = redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO())
+    with quiet[0], quiet[1], warnings.catch_warnings():
+        write_distant_ring(folder)
+        simulate.command(simulate.Options(scene_file(case.scene, folder), out=folder, define=define))
+        return [fit_one(case, folder, define, name, options) for name, options in case.ways.items()]
+
+
+def fit_one(case: Case, folder: Path, define: tuple, name: str, options: dict) -> Result:
+    """Fit in one way."""
+    given = {"truth": folder / "truth.npz", "define": define}
+    _, summary = fit.fit(
+        fit.Options(scene_file(case.fitted, folder), folder / "events.h5", **given, **options)
+    )
+    seconds = summary["seconds"]
+    cost = float(np.sum([seconds[stage] for stage in ("trace light", "solve", "settle light")]))
+    return Result(name, summary["mae_deg"], summary["rmse"], cost, summary["model"][case.decision])
