@@ -148,7 +148,7 @@ class Look:
 
 def _guess(ring: RingScene, coverage: np.ndarray) -> Look:
     """Look at the scene's geometry, with reflectances that are not yet known."""
-    pixel = np.flatnonzero(coverage >= 0.5)
+    pixel = np.flatnonzero((coverage >= 0.5) & (object_depth(ring) > 0))
     if len(pixel):
         pixel = pixel[some_of(len(pixel))]
     normal = object_normals(ring).reshape(-1, 3)[pixel]

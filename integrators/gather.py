@@ -76,16 +76,18 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
     context = mi.BSDFContext()
     generator = mi.PCG32(size=n_pixel, initstate=dr.opaque(mi.UInt64, seed))
     shift = mi.Point2f(generator.next_float32(), generator.next_float32())
+    front = dr.mulsign(surface.place.n, dr.dot(surface.place.n, surface.place.to_world(surface.place.wi)))
     seen_at = dr.select(surface.known, surface.place.p, mi.Point3f(dr.inf))
-    dr.eval(frame, shift, signal, seen_at, mean)
+    dr.eval(frame, shift, signal, front, seen_at, mean)
 
     def body(k, *total):
         place = shift + mi.Float(k) * mi.Point2f(*SEQUENCE)
         local = mi.warp.square_to_cosine_hemisphere(place - dr.floor(place))
         ray = surface.place.spawn_ray(frame.to_world(local))
         ray.o += skip * ray.d
-        si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=False, active=surface.known)
-        hit = surface.known & si.is_valid()
+        above = surface.known & (dr.dot(front, ray.d) > 0)  # fitted normals can look below the geometry's horizon
+        si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=False, active=above)
+        hit = above & si.is_valid()
         own = hit & (si.shape == surface.shape)
         pixel, inside = surface.pixel_of(si.p)
         there = dr.gather(mi.Point3f, seen_at, pixel, own & inside)

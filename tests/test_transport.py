@@ -144,7 +144,7 @@ def test_nothing_else_means_no_indirect_light(tmp_path):
     ring = load(tmp_path, scene())
     light, _ = scenes.trace_illumination(ring, 4, False)
     indirect = scenes.trace_indirect(ring, scenes.surface_maps(ring, 4), light, 3, 1, 0.0)
-    assert max(float(dr.max(e)[0]) for e in indirect) == 0
+    assert max(float(dr.max(e)[0]) for e in indirect) < 1e-6
 
 
 # ---------------------------------------------------------------------- geometry
@@ -159,7 +159,7 @@ def test_mesh_of_the_true_depth_is_the_object(tmp_path, kind):
     surface = make_depth(depth, depth > 0, geometry)
     position, face = traced_mesh(surface, to_world)
     other = scenes.with_object(ring, position, face)
-    inner = scenes.object_normals(ring)[..., 2] > 0.5
+    inner = (scenes.object_normals(ring)[..., 2] > 0.5) & (depth > 0)
     np.testing.assert_allclose(scenes.object_depth(other)[inner], depth[inner], atol=2e-3)
     angle = np.sum(scenes.object_normals(other) * scenes.object_normals(ring), axis=-1)[inner]
     assert np.degrees(np.arccos(angle.min())) < 6

@@ -99,7 +99,7 @@ def write_mesh_scene(name: str, file: Path, folder: Path) -> Path:
     <include filename="{SCENES / "camera.xml"}"/>
     <include filename="{SCENES / "ring24.xml"}"/>
     <shape type="ply" id="object"><string name="filename" value="{folder / f"{name}.ply"}"/>
-        <bsdf type="diffuse"><spectrum name="reflectance" value="400:0.3, 500:0.4, 640:0.6"/></bsdf></shape>
+        <bsdf type="diffuse"><spectrum name="reflectance" value="360:0.3, 500:0.4, 640:0.6, 830:0.6"/></bsdf></shape>
 </scene>
 """)
     return scene

@@ -92,7 +92,7 @@ def write_distant_ring(folder: Path) -> None:
     <include filename="{SCENES / "camera.xml"}"/>
     <include filename="{folder / "rig.xml"}"/>
     <shape type="ply" id="object"><string name="filename" value="{SCENES / "blob.ply"}"/>
-        <bsdf type="diffuse"><spectrum name="reflectance" value="400:0.3, 500:0.4, 640:0.6"/></bsdf></shape>
+        <bsdf type="diffuse"><spectrum name="reflectance" value="360:0.3, 500:0.4, 640:0.6, 830:0.6"/></bsdf></shape>
 </scene>
 """)
 
