@@ -430,7 +430,7 @@ def test_no_garbage_is_collected_while_the_solver_records(commands, monkeypatch)
 
 def test_results(commands):
     maps, summary = commands.results("--truth", commands.folder / "truth.npz")
-    names = "maps.npz normal.exr reflectance.exr normal.png reflectance.png summary.json"
+    names = "maps.npz normal.exr reflectance.exr normal.png reflectance.png depth.exr mesh.ply summary.json"
     assert {path.name for path in (commands.folder / "out").iterdir()} == set(names.split())
     assert maps["normal"].shape == (HEIGHT, WIDTH, 3)
     np.testing.assert_allclose(maps["band_wavelength_nm"], [450, 620], atol=0.01)
