@@ -180,7 +180,8 @@ def fit_events(ball: Ball, folder: Path, order: tuple[int, ...] | None, ideal: b
     options = simulate.Options(frames=folder / "stack.npz", out=folder, order=order, ideal=ideal)
     with redirect_stdout(io.StringIO()):  # one table is enough
         simulate.command(options)
-    maps, summary = fit.fit(fit.Options(folder / "scene.xml", folder / "events.h5", mask=folder / "mask.npy"))
+    matt = fit.Options(folder / "scene.xml", folder / "events.h5", mask=folder / "mask.npy", gloss="off")
+    maps, summary = fit.fit(matt)  # as least squares is
     seconds = 1e-6 * options.slot_us * options.rounds * len(order or rim)
     return maps, summary["numbers"]["events"] / np.count_nonzero(ball.mask) / seconds
 
