@@ -143,7 +143,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
         from evsdr import jit
 
         jit.start("cuda_ad_spectral" if options.device == "gpu" else "llvm_ad_spectral")
-        from evsdr import decode, faults, transport
+        from evsdr import decode, faults, geometry_check, light_choice, transport
         from evsdr import scene as scenes
         from evsdr.gloss_search import solve_gloss
         from evsdr.problem import make_problem
@@ -163,10 +163,10 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
         if options.truth:
             truth = read_truth(options.truth, ring.height, ring.width, ring.leds.n_band)
     with stages.stage("trace light"):
-        asked = transport.Asked(
+        asked = light_choice.Asked(
             options.shadows, options.leds, options.light_paths, MOST_RAYS[options.preset], options.seed + 1
         )
-        traced = transport.first_light(ring, asked)
+        traced = light_choice.first_light(ring, asked)
         light = traced.illumination
         mask = traced.coverage >= 0.5
         if not mask.any():
@@ -177,6 +177,8 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
                 raise InputError(
                     f"{options.mask}: the mask has no pixel of the object; draw it over the object."
                 )
+        geometry_check.check_light(ring, traced, mask, options.scene)
+        geometry_check.check_pieces(ring, asked, mask, options.scene)
         start_normal = decode.start_normals(ring, options.init)
     with stages.stage("pair events"):
         try:
@@ -232,6 +234,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
             solution, gloss = solve_gloss(options.gloss, problem, solution, effort, view, advance)
             maps = decode.assemble_maps(problem, solution, mask.shape, ring)
             fitted = transport.Fitted(problem, solution, maps)
+    geometry_check.check_normals(ring, traced, asked, maps, options.scene)
     if solution.noise <= MISFIT:
         warn_of_hot_pixels(options.events, pairs, problem, solution, hot)
     if not maps.mask.any():

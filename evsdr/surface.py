@@ -11,6 +11,10 @@ from evsdr.records import Maps
 from evsdr.results import reflectance_to_srgb
 
 MARGIN = 2  # pixels around the image: one that the mesh reaches, one more for cubic interpolation
+PLACE = (
+    0.01,
+    0.02,
+)  # rows and columns of vertices off pixel centres: a ray through a vertex may slip through
 
 
 def depth_of(maps: Maps, mask: np.ndarray, camera, anchor: np.ndarray) -> Depth:
@@ -35,8 +39,9 @@ def depth_of(maps: Maps, mask: np.ndarray, camera, anchor: np.ndarray) -> Depth:
 def traced_mesh(depth: Depth, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Make the mesh that stands for the surface when light is traced.
 
-    It has two vertices per pixel, as facets of whole pixels would cut off the ridges that cast shadows. It reaches one pixel beyond the mask so that the outermost pixels lie on it
-    whole, and has walls along the lines of sight at depth discontinuities, so that no light leaks through.
+    It has two vertices per pixel and axis, as facets of whole pixels would cut off the ridges that cast shadows. It
+    reaches one pixel beyond the mask so that the outermost pixels lie on it whole, and has walls along the lines of
+    sight at depth discontinuities, so that no light leaks through.
 
     Parameters
     ----------
@@ -53,11 +58,14 @@ def traced_mesh(depth: Depth, to_world: np.ndarray) -> tuple[np.ndarray, np.ndar
     """
     mask = np.pad(depth.mask, MARGIN)
     near = tuple(ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True))
-    filled = np.pad(depth.depth, MARGIN)[near]
+    filled = np.where(mask, np.pad(depth.depth, MARGIN), -np.inf)
+    for _ in range(MARGIN):  # as far as the farthest neighbour: a nearer one would cast a shadow
+        filled = np.where(np.isfinite(filled), filled, ndimage.maximum_filter(filled, 3))
+    filled = np.where(np.isfinite(filled), filled, 0)
     component = np.pad(depth.component, MARGIN)[near]
     grown = ndimage.binary_dilation(mask, np.ones((3, 3)))
-    value = _refined(_refined(filled, 0), 1)
-    row, column = (1 + 0.5 * np.arange(n) for n in value.shape)
+    value = _refined(_refined(filled, 0, PLACE[0]), 1, PLACE[1])
+    row, column = (1 + place + 0.5 * np.arange(n) for n, place in zip(value.shape, PLACE))
     whole = np.ix_(np.floor(row + 0.5).astype(int), np.floor(column + 0.5).astype(int))
     component, grown = component[whole], grown[whole]
     camera = depth.camera
@@ -77,12 +85,18 @@ def traced_mesh(depth: Depth, to_world: np.ndarray) -> tuple[np.ndarray, np.ndar
     return position[grown] @ to_world[:3, :3].T + to_world[:3, 3], face
 
 
-def _refined(value: np.ndarray, axis: int) -> np.ndarray:
-    """Put cubic midpoints between the inner samples of an axis: (-1, 9, 9, -1) / 16; its ends fall away."""
+def _refined(value: np.ndarray, axis: int, place: float) -> np.ndarray:
+    """Interpolate cubically at `place` and `place` + 1/2 after each inner sample of an axis."""
     v = np.moveaxis(value, axis, 0)
-    middle = (9 * (v[1:-2] + v[2:-1]) - v[:-3] - v[3:]) / 16
-    out = np.empty((2 * len(middle) + 1, *v.shape[1:]))
-    out[::2], out[1::2] = v[1:-1], middle
+    out = np.empty((2 * (len(v) - 3), *v.shape[1:]))
+    for i, t in enumerate((place, place + 0.5)):
+        weight = (
+            -t * (t - 1) * (t - 2) / 6,
+            (t + 1) * (t - 1) * (t - 2) / 2,
+            -(t + 1) * t * (t - 2) / 2,
+            (t + 1) * t * (t - 1) / 6,
+        )
+        out[i::2] = sum(w * v[k : len(v) - 3 + k] for k, w in enumerate(weight))
     return np.moveaxis(out, 0, axis)
 
 

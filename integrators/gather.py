@@ -85,7 +85,8 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
         local = mi.warp.square_to_cosine_hemisphere(place - dr.floor(place))
         ray = surface.place.spawn_ray(frame.to_world(local))
         ray.o += skip * ray.d
-        above = surface.known & (dr.dot(front, ray.d) > 0)  # fitted normals can look below the geometry's horizon
+        # fitted normals can look below the geometry's horizon
+        above = surface.known & (dr.dot(front, ray.d) > 0)
         si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=False, active=above)
         hit = above & si.is_valid()
         own = hit & (si.shape == surface.shape)
@@ -99,7 +100,8 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
         for j, sent in enumerate(total):
             si.wavelengths = node[leds.band[j]]
             ds, geometry = _toward(leds, j, si, lit)
-            f_cos = dr.sum(bsdf.eval(context, si, si.to_local(ds.d), lit & ~own) * weight[leds.band[j]]) * dr.pi
+            reflected = bsdf.eval(context, si, si.to_local(ds.d), lit & ~own)
+            f_cos = dr.sum(reflected * weight[leds.band[j]]) * dr.pi
             of_mean = mean[leds.band[j]] * dr.maximum(dr.dot(facing, ds.d), 0.0)
             strength = float(leds.power[j]) * geometry * dr.select(own, of_mean, f_cos)
             open_ = lit & (strength > 0) & ~scene.ray_test(si.spawn_ray_to(ds.p), False, lit & (strength > 0))

@@ -84,7 +84,8 @@ def write_distant_ring(folder: Path) -> None:
     rig = re.sub(r' ([xyz])="([-\d.e]+)"', lambda m: f' {m[1]}="{DISTANCE * float(m[2])}"', rig)
     strength = re.compile(r'name="values" value="([^"]*)"')
     rig = strength.sub(
-        lambda m: f'name="values" value="{" ".join(f"{DISTANCE**2 * float(v):g}" for v in m[1].split())}"', rig
+        lambda m: f'name="values" value="{" ".join(f"{DISTANCE**2 * float(v):g}" for v in m[1].split())}"',
+        rig,
     )
     (folder / "rig.xml").write_text(rig)
     (folder / "distant_ring.xml").write_text(f"""<scene version="3.0.0">
