@@ -16,7 +16,7 @@ SUSPICIOUS = 1.4  # residual of an LED, relative to that of most, from which its
 N_SUSPECT = 12  # LEDs in doubt at most
 N_TRIED = 100  # pixels on which each explanation is tried
 FEWEST = 20  # pixels that can convict
-DECISIVE = 0.8  # cost of an explanation, relative to that of none, from which it is believed
+DECISIVE = 0.2  # gain of an explanation, relative to the cost of none, from which it is believed
 
 
 @dataclass(frozen=True)
@@ -127,27 +127,13 @@ def find_fault(pairs: PairData, light: Illumination, solution: lm.Solution) -> F
     pixel = np.random.default_rng(0).permutation(explained)[:N_TRIED]
     if len(pixel) < FEWEST:
         return None
-    few = _of_pixels(pairs, pixel)
+    few = trial.of_pixels(pairs, pixel)
     now = pairs.slot_leds.numpy()[:-1] & 0xFFFF
     orders = [now] + [fault.mend(now, light.n_led) for fault in faults]
     cases = [replace(few, slot_leds=type(pairs.slot_leds)(pack_slots(o, light.n_led))) for o in orders]
     cost = trial.costs(cases, light, pixel, solution.threshold_gain is not None).sum(axis=1)
     best = int(np.argmin(cost[1:]))
-    return faults[best] if cost[1 + best] < DECISIVE * cost[0] else None
-
-
-def _of_pixels(pairs: PairData, pixel: np.ndarray) -> PairData:
-    """Keep the pairs of some pixels."""
-    Float, UInt32 = type(pairs.phases), type(pairs.offset)
-    offset = pairs.offset.numpy().astype(np.int64)
-    k = np.concatenate([np.arange(offset[i], offset[i + 1]) for i in pixel])
-    return PairData(
-        offset=UInt32(np.append(0, np.cumsum(np.diff(offset)[pixel])).astype(np.uint32)),
-        phases=Float(pairs.phases.numpy().reshape(-1, 2)[k].ravel()),
-        threshold_on=Float(pairs.threshold_on.numpy()[pixel]),
-        threshold_off=Float(pairs.threshold_off.numpy()[pixel]),
-        slot_leds=pairs.slot_leds,
-    )
+    return faults[best] if cost[0] - cost[1 + best] > DECISIVE * abs(cost[0]) else None
 
 
 def _signals(light: Illumination, theta: np.ndarray) -> np.ndarray:

@@ -48,8 +48,8 @@ class Options:
     stay."""
     thresholds: Literal["calibrated", "nominal"] = "calibrated"
     """What events.h5 tells of the thresholds: those of each pixel, or one nominal value."""
-    spp: int = 16
-    """Rays per pixel."""
+    spp: int | None = None
+    """Rays per pixel; by default 16, and 64 where light goes by way of other surfaces, whose noise is not real."""
     seed: int = 0
     """Seed of everything random."""
     define: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction] = field(
@@ -58,6 +58,7 @@ class Options:
     """name=value for a <default> parameter of the scene file; may be repeated."""
 
 
+SPP, INDIRECT_SPP = 16, 64
 IDEAL = dict(
     spread_on=0.0,
     spread_off=0.0,
@@ -79,7 +80,8 @@ def command(options: Options) -> None:
     if (options.scene is None) == (options.frames is None):
         raise InputError("Name either a scene file or --frames, not both.")
     for name, least in (("rounds", 1), ("spp", 1), ("seed", 0)):
-        check_range(f"--{name}", getattr(options, name), least)
+        if getattr(options, name) is not None:
+            check_range(f"--{name}", getattr(options, name), least)
     if options.scene and options.constant_light is not None:
         raise InputError("--constant-light goes with --frames; a scene has its own, often set by -D.")
     if options.frames and options.define:
@@ -128,8 +130,9 @@ def render(options: Options) -> tuple[np.ndarray, Truth, float]:
     from evsdr import scene as scenes
 
     ring = scenes.load_scene(options.scene, parse_definitions(options.define))
-    maps = scenes.surface_maps(ring, options.spp, options.seed)
-    signal = scenes.led_images(ring, options.spp, options.seed)
+    spp = options.spp or (SPP if ring.integrator.max_depth == 1 else INDIRECT_SPP)
+    maps = scenes.surface_maps(ring, spp, options.seed)
+    signal = scenes.led_images(ring, spp, options.seed)
     return signal, Truth(maps.normal, maps.reflectance, maps.mask), ring.constant_light
 
 

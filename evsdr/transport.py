@@ -8,6 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
+import drjit as dr
+import numpy as np
+
+from evsdr import trial
 from evsdr.depth import Depth
 from evsdr.light_choice import (
     LIMIT_DEG,
@@ -22,6 +26,7 @@ from evsdr.light_choice import (
     mean_error,
     path_note,
     shadow_note,
+    signals_of,
 )
 from evsdr.lm import Solution
 from evsdr.problem import Problem
@@ -40,6 +45,7 @@ from evsdr.surface import depth_of, surface_files, traced_mesh
 
 MOST_ROUNDS = 3  # of tracing and fitting
 SETTLED = 0.1  # of the first round's change, below which light has settled
+N_TRIED = 300  # pixels whose events say whether shadows are there
 SKIP = 0.05  # pixels: hits nearer than that are the surface itself
 SURE = 0.5  # pixels: the same for the decision, as nearer hits may come of the estimate's noise
 
@@ -125,6 +131,12 @@ def settle(
             if asked.shadows == "auto":
                 share = blocked_share(look, plain, shadowed)
                 notes["cast shadows"] = shadow_note(shadows, share, error, "the estimated depth")
+                if shadows and not events_agree(fitted, look, plain, shadowed):
+                    shadows = False
+                    notes["cast shadows"] = (
+                        f"not modelled: {share:.2%} of the (pixel, LED) pairs that face each other are blocked on the "
+                        "estimated depth, but events say they are not"
+                    )
         if light.near:
             error = expected["depth of near LEDs"] = mean_error(look, model, plain)
             moved = error > LIMIT_DEG
@@ -171,6 +183,41 @@ def settle(
         f"{first_change:.2g} in the first"
     )
     return Light(model, light.coverage, shadows, light.near, notes, expected), fitted
+
+
+def events_agree(fitted: Fitted, look: Look, plain: Illumination, shadowed: Illumination) -> bool:
+    """Tell whether some pixels' events are likelier if LEDs are shadowed there than if they are not.
+
+    Shadows on an estimated shape may come of its errors, as highlights bend normals.
+    """
+    differs = np.abs(signals_of(look, plain) - signals_of(look, shadowed)).max(axis=1) > 0
+    row = np.searchsorted(fitted.problem.pixel, look.pixel[differs])
+    row = row[np.diff(fitted.problem.pairs.offset.numpy().astype(np.int64))[row] > 0]
+    if len(row) == 0:
+        return True
+    row = np.sort(np.random.default_rng(0).permutation(row)[:N_TRIED])
+    UInt32 = type(fitted.problem.pairs.offset)
+    pixel = UInt32(fitted.problem.pixel[row].astype(np.uint32))
+    light = _side_by_side(plain.gather(pixel), shadowed.gather(pixel), len(row))
+    light = replace(light, constant_light=fitted.problem.illumination.constant_light)
+    few = trial.of_pixels(fitted.problem.pairs, row)
+    thresholds = fitted.solution.threshold_gain is not None
+    cost = trial.costs([few, few], light, np.arange(2 * len(row)).reshape(2, -1), thresholds).sum(axis=1)
+    return bool(cost[1] < cost[0])
+
+
+def _side_by_side(first: Illumination, second: Illumination, n_pixel: int) -> Illumination:
+    """Join the light of the same pixels in two cases."""
+    Float = type(first.irradiance[0])
+
+    def join(a, b):
+        return dr.concat((a + dr.zeros(Float, n_pixel), b + dr.zeros(Float, n_pixel)))
+
+    direction = [
+        type(a)(*(join(a[k], b[k]) for k in range(3))) for a, b in zip(first.direction, second.direction)
+    ]
+    irradiance = [join(a, b) for a, b in zip(first.irradiance, second.irradiance)]
+    return replace(first, direction=direction, irradiance=irradiance)
 
 
 def _trace(

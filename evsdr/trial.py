@@ -13,6 +13,20 @@ from evsdr.shading import Illumination, LambertianRing
 QUICK = replace(lm.PRESETS["fast"], silence=False, priors=None, n_sweep=0, n_final=8)
 
 
+def of_pixels(pairs: PairData, pixel: np.ndarray) -> PairData:
+    """Keep the pairs of some pixels."""
+    Float, UInt32 = type(pairs.phases), type(pairs.offset)
+    offset = pairs.offset.numpy().astype(np.int64)
+    k = np.concatenate([np.arange(offset[i], offset[i + 1]) for i in pixel])
+    return PairData(
+        offset=UInt32(np.append(0, np.cumsum(np.diff(offset)[pixel])).astype(np.uint32)),
+        phases=Float(pairs.phases.numpy().reshape(-1, 2)[k].ravel()),
+        threshold_on=Float(pairs.threshold_on.numpy()[pixel]),
+        threshold_off=Float(pairs.threshold_off.numpy()[pixel]),
+        slot_leds=pairs.slot_leds,
+    )
+
+
 def costs(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresholds: bool) -> np.ndarray:
     """Fit each reading and give its cost.
 
@@ -22,15 +36,15 @@ def costs(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresho
         Pairs of the chosen pixels only, each with its own table of slots; tables are equally long.
     light : Illumination
         Of all pixels.
-    pixel : (n_pixel,) int
-        The chosen ones.
+    pixel : (n_pixel,) or (n_case, n_pixel) int
+        The chosen ones, in `light`.
     thresholds : bool
         Whether each pixel's thresholds are unknown.
 
     Returns
     -------
     (n_case, n_pixel) float32
-        Robust cost.
+        Negative logarithm of the robust likelihood, up to a constant.
     """
     Float, UInt32 = type(cases[0].phases), type(cases[0].offset)
     n_slot = dr.width(cases[0].slot_leds)
@@ -40,7 +54,8 @@ def costs(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresho
         away = n_slot * i  # slots of a case lie behind those of the one before
         phases.append(own + away * np.stack([np.ones(len(own)), np.sign(own[:, 1])], axis=-1))
         counts.append(np.diff(case.offset.numpy().astype(np.int64)))
-    n_pixel = len(pixel) * len(cases)
+    pixel = np.broadcast_to(pixel, (len(cases), np.shape(pixel)[-1])).ravel()
+    n_pixel = len(pixel)
 
     def together(arrays, kind):
         return kind(np.concatenate([np.asarray(a) for a in arrays]))
@@ -52,7 +67,7 @@ def costs(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresho
         threshold_off=together([case.threshold_off.numpy() for case in cases], Float),
         slot_leds=together([case.slot_leds.numpy() for case in cases], UInt32),
     )
-    there = light.gather(UInt32(np.tile(pixel, len(cases)).astype(np.uint32)))
+    there = light.gather(UInt32(pixel.astype(np.uint32)))
     start = [dr.zeros(Float, n_pixel) for _ in range(2 + light.n_band + (2 if thresholds else 0))]
     for b in range(light.n_band):
         start[2 + b] += float(np.log(lm.REFLECTANCE_CENTRE))

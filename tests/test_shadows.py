@@ -8,8 +8,9 @@ import trimesh
 from conftest import REPOSITORY
 from small_scene import DIFFUSE, SPHERE, camera, leds, scene
 
-from evsdr import fit, simulate
+from evsdr import fit, simulate, transport
 from evsdr.metrics import angular_error_deg
+from evsdr.surface import traced_mesh
 
 SIZE = 40
 SENSOR = camera(width=SIZE, height=SIZE)
@@ -83,6 +84,24 @@ def test_auto_leaves_an_unknown_sphere_alone(recorded, tmp_path):
     assert summary["model"]["cast shadows"].startswith("not modelled")
     assert "estimated depth" in summary["model"]["cast shadows"]
     assert "rounds of light and shape" not in summary["model"]
+    assert summary["mae_deg"] < 3
+
+
+def test_events_overrule_shadows_of_a_wrong_surface(recorded, tmp_path, monkeypatch):
+    """Spikes that the recorded sphere has not: they cast shadows, but the events know better."""
+    folder = recorded("sphere", scene(light=LIGHT, sensor=SENSOR))
+    np.save(tmp_path / "mask.npy", np.load(folder / "truth.npz")["mask"])
+
+    def with_spikes(*given):
+        position, face = traced_mesh(*given)
+        spike = np.random.default_rng(0).random(len(position)) < 0.01
+        return position + spike[:, None] * [0, 0, 0.3], face
+
+    monkeypatch.setattr(transport, "traced_mesh", with_spikes)
+    text = scene(shape=PLANE, light=LIGHT, sensor=SENSOR)
+    summary, _ = run(folder, tmp_path, text, "--mask", str(tmp_path / "mask.npy"))
+    note = summary["model"]["cast shadows"]
+    assert note.startswith("not modelled") and "events say they are not" in note
     assert summary["mae_deg"] < 3
 
 
