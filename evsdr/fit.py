@@ -44,9 +44,9 @@ class Options:
     """LEDs at finite distance: direction and fall-off per pixel, one for all pixels, or decided from the parallax."""
     light_paths: Literal["auto", "direct", "indirect"] = "auto"
     """Light by way of other surfaces; auto models it where max_depth of the scene is above 1 and it counts."""
-    gloss: Literal["auto", "off", "lobe", "gate"] = "auto"
-    """Highlights: a rough dielectric coating fitted with the maps, the angular gate of the EventSpecPS paper, none of
-    both, or decided from the residuals."""
+    gloss: Literal["auto", "off", "lobe", "blinn-phong", "gate"] = "auto"
+    """Highlights: left out, a rough dielectric coating or a Blinn-Phong lobe fitted with the maps, the angular gate of
+    the EventSpecPS paper, or decided from the residuals: the coating, or nothing."""
     thresholds: Literal["auto", "known", "estimate"] = "auto"
     """Contrast thresholds: as the recording tells, or estimated per pixel; auto estimates them where it tells
     one value for all pixels."""

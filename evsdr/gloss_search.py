@@ -7,11 +7,15 @@ import drjit as dr
 import numpy as np
 
 from evsdr import lm
-from evsdr.gloss import GlossyRing, RoughCoating, gate_weights, pair_weights
+from evsdr.gloss import BlinnPhong, GlossyRing, RoughCoating, gate_weights, pair_weights
 from evsdr.gloss_fit import fit_gloss, gloss_evidence, sort_materials
 from evsdr.problem import Problem
 from evsdr.shading import LambertianRing
 
+KINDS = {
+    "lobe": (RoughCoating, "rough dielectric coating, {}", "alpha"),
+    "blinn-phong": (BlinnPhong, "Blinn-Phong lobe, {}", "shininess"),
+}
 N_ROUND = 2  # of lobe, or gate, and maps
 AGAIN = ((0.01, None, 4),)  # the solver's descent from a solution
 
@@ -29,7 +33,7 @@ def solve_gloss(
     Parameters
     ----------
     asked : str
-        `auto`, `off`, `lobe` or `gate`.
+        `auto`, `off`, `lobe`, `blinn-phong` or `gate`.
     problem : Problem
         The pixels.
     matt : lm.Solution
@@ -55,7 +59,8 @@ def solve_gloss(
             gated = replace(problem.pairs, weight=pair_weights(problem.pairs, weights))
             solution = _again(replace(problem, pairs=gated), effort, solution, None, progress)
         return solution, "angular gate of EventSpecPS: asked for by --gloss gate"
-    evidence = gloss_evidence(known, matt.theta, matt.noise, RoughCoating, view)
+    kind, words, shape = KINDS["lobe" if asked == "auto" else asked]
+    evidence = gloss_evidence(known, matt.theta, matt.noise, kind, view)
     if asked == "auto" and not evidence.is_worth_modelling():
         shown = (
             f"{max(evidence.z, 0):.1f} standard deviations, {evidence.error_deg:.2f} deg of expected error"
@@ -63,20 +68,20 @@ def solve_gloss(
         return matt, f"not modelled: the residuals show {shown}; robust weights only"
     solution, label, known = matt, None, problem  # thresholds of a matt fit have taken gloss for their own
     for _ in range(N_ROUND):
-        gloss = fit_gloss(known, solution.theta, solution.noise, RoughCoating, label, view)
+        gloss = fit_gloss(known, solution.theta, solution.noise, kind, label, view)
         model = GlossyRing(problem.illumination, gloss.lobe(type(problem.pairs.phases)), view)
         solution = _again(problem, effort, solution, model, progress)
         known = _with_found_thresholds(problem, solution)
         label = sort_materials(np.exp(solution.theta[:, 2:]))
     lobes = ", ".join(
-        f"alpha {alpha:.2g} strength {strength:.2g}" for alpha, strength in zip(gloss.shape, gloss.strength)
+        f"{shape} {value:.2g} strength {strength:.2g}" for value, strength in zip(gloss.shape, gloss.strength)
     )
     why = (
         f"left out it would cost {evidence.error_deg:.2g} deg"
         if asked == "auto"
-        else "asked for by --gloss lobe"
+        else f"asked for by --gloss {asked}"
     )
-    return solution, f"rough dielectric coating, {lobes}: {why}"
+    return solution, f"{words.format(lobes)}: {why}"
 
 
 def _with_found_thresholds(problem: Problem, solution: lm.Solution) -> Problem:

@@ -1,5 +1,7 @@
 """What a fit does about gloss: matt, coated, and told to leave it."""
 
+import re
+
 import pytest
 from test_gloss import KINDS, mean_error, solve, sphere
 
@@ -34,6 +36,17 @@ def test_a_coating_is_found_and_mends_the_normals(coated):
     assert note.startswith("rough dielectric coating, alpha") and "would cost" in note
     assert mean_error(solution.theta, normal) < 0.6 * mean_error(matt.theta, normal)
     assert solution.n_step > matt.n_step
+
+
+def test_the_published_lobe_on_request():
+    kind, shape, strength = KINDS[0]
+    problem, normal, _, _ = sphere([KINDS[0]])
+    matt = solve(problem)
+    solution, note = solve_gloss("blinn-phong", problem, matt, ALONE)
+    found = re.fullmatch(r"Blinn-Phong lobe, shininess (\S+) strength (\S+): asked for by --gloss blinn-phong", note)
+    assert float(found[1]) == pytest.approx(shape, rel=0.1)
+    assert float(found[2]) == pytest.approx(strength, rel=0.1)
+    assert mean_error(solution.theta, normal) < 0.6 * mean_error(matt.theta, normal)
 
 
 def test_the_gate_counts_highlights_less(coated):

@@ -8,6 +8,10 @@ from rich.table import Table
 from .compute import REPOSITORY, Case, Result, cases, run
 
 OUT = REPOSITORY / "out" / "cast_shadow"
+PAPER = (
+    "EventSpecPS on its sphere and pole: 6.29 degrees and RMSE 0.0306 with shadows left out, "
+    "5.65 degrees and 0.0291 with them down-weighted"
+)
 
 
 def main() -> None:
@@ -26,6 +30,7 @@ def main() -> None:
         Console().print(table(case, results))
         draw(results, folder / "errors.png")
         print(f"picture: {folder / 'errors.png'}")
+    print(PAPER)
 
 
 def table(case: Case, results: list[Result]) -> Table:

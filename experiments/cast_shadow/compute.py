@@ -16,7 +16,7 @@ from evsdr.records import Maps
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = REPOSITORY / "scenes"
-WAYS = ("off", "downweight", "estimate", "scene")
+WAYS = ("off", "downweight", "estimate", "scene", "auto")
 MESHES = {"nefertiti": "nefertiti-lowres.obj", "skull": "skull_low_resolution.obj"}
 BLOCKED = 0.5  # visibility below which an LED counts as shadowed
 
@@ -76,6 +76,7 @@ def cases(folder: Path) -> list[Case]:
     """List what can be recorded; scenes of meshes are written into the folder, where the meshes are present."""
     out = [
         Case("sphere and pole", SCENES / "sphere_pole.xml", SCENES / "sphere_pole.xml"),
+        Case("square LEDs", SCENES / "soft_ring.xml", SCENES / "soft_ring.xml"),
         Case("relief", SCENES / "relief.xml", SCENES / "relief_unknown.xml"),
         Case("two spheres", SCENES / "two_spheres.xml", SCENES / "two_spheres.xml"),
     ]

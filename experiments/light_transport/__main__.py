@@ -14,7 +14,9 @@ def main() -> None:
     """Record and fit all cases; print a table and what `auto` decided, write a picture."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", type=int, default=64, help="width and height [pixels]")
-    size = parser.parse_args().size
+    parser.add_argument("--effect", help="of this effect only")
+    options = parser.parse_args()
+    size = options.size
     from .draw import draw
 
     table = Table(box=None, padding=(0, 1, 0, 0))
@@ -22,6 +24,8 @@ def main() -> None:
         table.add_column(heading, no_wrap=True)
     found, notes = [], []
     for i, case in enumerate(CASES):
+        if options.effect not in (None, case.effect):
+            continue
         results = run(case, OUT / f"{i}_{case.scene}", size)
         scene = " ".join((case.scene, *case.define))
         for r in results:
