@@ -43,6 +43,7 @@ from evsdr.scene import (
 from evsdr.shading import Illumination
 from evsdr.surface import depth_of, surface_files, traced_mesh
 
+ROUND_RAYS = 1  # per pixel, while light and shape change
 MOST_ROUNDS = 3  # of tracing and fitting
 SETTLED = 0.1  # of the first round's change, below which light has settled
 N_TRIED = 300  # pixels whose events say whether shadows are there
@@ -163,7 +164,7 @@ def settle(
 
     first_change = 0.0
     for round_ in range(MOST_ROUNDS):
-        new = traced_light(TRIAL_RAYS)
+        new = traced_light(ROUND_RAYS)
         change = mean_error(look, model, new)
         first_change = change if round_ == 0 else first_change
         if change < max(LIMIT_DEG, SETTLED * first_change):
@@ -174,7 +175,7 @@ def settle(
         progress("light and shape", (round_ + 1) / MOST_ROUNDS)
     if unknown and shadows:
         notes["rays per pixel"] = (
-            f"{asked.rays}: as many as the preset allows, {TRIAL_RAYS} until light settled"
+            f"{asked.rays}: as many as the preset allows, {ROUND_RAYS} until light settled"
         )
     model = traced_light(asked.rays)
     fitted = refit(model, fitted, False)
