@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from evsdr import adam, lm
+from evsdr.lag import find_lag
 from evsdr.problem import Problem
 from evsdr.records import Maps, Recording
 from evsdr.refractory import find_refractory
@@ -248,6 +249,23 @@ def choose_refractory(
         return recording, report
     sensor = replace(recording.sensor, refractory_us=found[0])
     return replace(recording, sensor=sensor), report | {"found_us": found[0], "sigma_us": found[1]}
+
+
+def choose_lag(
+    options, recording: Recording, problem: Problem, solution: lm.Solution, thresholds: bool
+) -> tuple[float, str]:
+    """Decide whether events are late in dim light: their time constant at I = 1 [us], or 0, and why."""
+    if options.lag == "off":
+        return 0.0, "not modelled: asked for by --lag off"
+    if options.solver != "lm" or options.preset == "fast":
+        which = "preset fast" if options.solver == "lm" else "solver adam"
+        return 0.0, f"not looked for by the {which}"
+    found = find_lag(recording, problem, solution, thresholds)
+    if found is None:
+        return 0.0, "not modelled: the events show none"
+    return found[
+        0
+    ], f"events are {found[0]:.3g} +- {found[1]:.2g} us / I late, say the events, and were moved back"
 
 
 def sensor_summary(recording: Recording, solution: lm.Solution, known: np.ndarray) -> dict:

@@ -41,7 +41,7 @@ class Effort:
     n_final: int = 6
     n_pair: int = 64
     n_expectation: int = 4
-    robust: float = 3.0
+    robust: float = 2.0
     fine: bool = True
     silence: bool = True
     priors: Priors | None = Priors()

@@ -86,7 +86,7 @@ def led_residuals(pairs: PairData, light: Illumination, solution: lm.Solution) -
     some = some[:: max(1, len(some) // N_SAMPLE)]
     pixel = np.repeat(some, np.diff(offset)[some])
     k = np.concatenate([np.arange(offset[i], offset[i + 1]) for i in some]) if len(some) else np.arange(0)
-    signal = _signals(light, solution.theta)
+    signal = signals_of(light, solution.theta)
     start, coded = pairs.phases.numpy().reshape(-1, 2)[k].T
     end, polarity = np.abs(coded) - 1, np.sign(coded)
     leds = pairs.slot_leds.numpy()
@@ -136,7 +136,7 @@ def find_fault(pairs: PairData, light: Illumination, solution: lm.Solution) -> F
     return faults[best] if cost[0] - cost[1 + best] > DECISIVE * abs(cost[0]) else None
 
 
-def _signals(light: Illumination, theta: np.ndarray) -> np.ndarray:
+def signals_of(light: Illumination, theta: np.ndarray) -> np.ndarray:
     """Give A_xj (n_led + 1, n_pixel); the last row is darkness."""
     Float = type(light.constant_light)
     columns = [Float(np.ascontiguousarray(c, np.float32)) for c in theta.T]

@@ -53,6 +53,8 @@ class Options:
     refractory: Literal["auto", "known", "estimate"] = "auto"
     """Refractory period of the sensor: as the recording tells, or estimated; auto estimates it where the recording
     does not tell it."""
+    lag: Literal["auto", "off"] = "auto"
+    """Lag of the photoreceptors in dim light: estimated if the events show one, or left out."""
     priors: str = "normal,integrable,reflectance,spectra"
     """What pixels tell of each other, or none: smooth normals, slopes of one surface, smooth reflectance, spectra
     of few kinds. Edges stay, and the data decide how strong each is."""
@@ -146,6 +148,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
         from evsdr import decode, faults, geometry_check, light_choice, transport
         from evsdr import scene as scenes
         from evsdr.gloss_search import solve_gloss
+        from evsdr.lag import without_lag
         from evsdr.problem import make_problem
     with stages.stage("read events"):
         recording = read_recording(options.events)
@@ -212,6 +215,15 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
             problem = make_problem(recording, pairs, light, mask, hot)
             solution = decode.solve(problem, start_normal, options, parts, estimate, advance)
         maps = decode.assemble_maps(problem, solution, mask.shape, ring)
+    with stages.stage("lag") as advance:
+        tau, lag = decode.choose_lag(options, recording, problem, solution, estimate)
+        if tau:
+            recording = without_lag(recording, problem, solution, tau)
+            pairs = pair_events(recording, mask)
+            problem = make_problem(recording, pairs, light, mask, hot)
+            before = maps, solution
+            solution = decode.solve(problem, start_normal, options, parts, estimate, advance, before)
+            maps = decode.assemble_maps(problem, solution, mask.shape, ring)
     with stages.stage("settle light") as advance:
 
         def refit(light, fitted, quick):
@@ -277,6 +289,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
             else "not used",
             "neighbours": prior_note(parts, solution) if options.solver == "lm" else "blurred, as published",
             "contrast thresholds": thresholds,
+            "photoreceptor lag": lag,
             "scale": decode.scale_note(ring),
         },
         "numbers": {

@@ -43,7 +43,9 @@ def test_the_published_lobe_on_request():
     problem, normal, _, _ = sphere([KINDS[0]])
     matt = solve(problem)
     solution, note = solve_gloss("blinn-phong", problem, matt, ALONE)
-    found = re.fullmatch(r"Blinn-Phong lobe, shininess (\S+) strength (\S+): asked for by --gloss blinn-phong", note)
+    found = re.fullmatch(
+        r"Blinn-Phong lobe, shininess (\S+) strength (\S+): asked for by --gloss blinn-phong", note
+    )
     assert float(found[1]) == pytest.approx(shape, rel=0.1)
     assert float(found[2]) == pytest.approx(strength, rel=0.1)
     assert mean_error(solution.theta, normal) < 0.6 * mean_error(matt.theta, normal)
