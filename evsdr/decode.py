@@ -8,7 +8,6 @@ import numpy as np
 from scipy import ndimage
 
 from evsdr import adam, lm
-from evsdr.lag import find_lag
 from evsdr.problem import Problem
 from evsdr.records import Maps, Recording
 from evsdr.refractory import find_refractory
@@ -20,14 +19,22 @@ MODEL_NORMAL_DEG, MODEL_REFLECTANCE = 0.05, 0.01  # what the model leaves out: d
 # the same, times the squared turn of the normal over a pixel [rad]
 CURVED_NORMAL, CURVED_REFLECTANCE = 0.2, 0.5
 DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
-QUICK = {
-    "stages": (),
-    "n_sweep": 1,
-    "n_try": 2,
-    "n_final": 4,
-    "n_expectation": 1,
-    "fine": False,
-    "priors": None,
+# What changes in the preset's effort, by what a solve is for
+PURPOSES = {
+    "whole": {},
+    "alone": {"priors": None},  # each pixel alone, before its events are put right
+    "learn": {"stages": (), "n_sweep": 0, "n_final": 0, "n_expectation": 0},  # go on from there
+    "again": {"stages": (), "n_sweep": 0, "n_final": 4, "n_expectation": 1},  # events have changed a little
+    "light": {"stages": ()},  # light has changed
+    "quick": {
+        "stages": (),
+        "n_sweep": 1,
+        "n_try": 2,
+        "n_final": 4,
+        "n_expectation": 1,
+        "fine": False,
+        "priors": None,
+    },  # as well as is needed to see where light goes
 }
 
 
@@ -46,7 +53,7 @@ def solve(
     estimate_thresholds: bool = False,
     progress: Callable[[str, float], None] = lambda stage, share: None,
     before: tuple[Maps, lm.Solution] | None = None,
-    quick: bool = False,
+    purpose: str = "whole",
 ) -> lm.Solution:
     """Run the solver that the options name.
 
@@ -62,11 +69,11 @@ def solve(
         Whether each pixel's contrast thresholds are unknown, too.
     before : (Maps, Solution), optional
         An earlier fit of these pixels, to start from instead.
-    quick : bool
-        Fit as well as is needed to see where light goes.
+    purpose : str
+        Of `PURPOSES`: how much of the preset's effort is needed.
     """
     light = problem.illumination
-    effort = choose_effort(options, priors)
+    effort = replace(choose_effort(options, priors), **PURPOSES[purpose])
     n_step = 0
     log_gain = np.zeros((problem.n_pixel, 2), np.float32)
     if before is None:
@@ -77,7 +84,6 @@ def solve(
         start_normal = maps.normal
         normal = maps.normal.reshape(-1, 3)[problem.pixel]
         reflectance = maps.reflectance.reshape(-1, light.n_band)[problem.pixel]
-        effort = replace(effort, **(QUICK if quick else {"stages": ()}))
         if estimate_thresholds:
             log_gain = np.log(solution.threshold_gain)
     unknown_gain = [mi.Float(np.ascontiguousarray(g, np.float32)) for g in log_gain.T]
@@ -251,21 +257,13 @@ def choose_refractory(
     return replace(recording, sensor=sensor), report | {"found_us": found[0], "sigma_us": found[1]}
 
 
-def choose_lag(
-    options, recording: Recording, problem: Problem, solution: lm.Solution, thresholds: bool
-) -> tuple[float, str]:
-    """Decide whether events are late in dim light: their time constant at I = 1 [us], or 0, and why."""
+def looks_for_lag(options) -> tuple[bool, str]:
+    """Decide whether to ask the events how late they are, and say why not."""
     if options.lag == "off":
-        return 0.0, "not modelled: asked for by --lag off"
+        return False, "not modelled: asked for by --lag off"
     if options.solver != "lm" or options.preset == "fast":
-        which = "preset fast" if options.solver == "lm" else "solver adam"
-        return 0.0, f"not looked for by the {which}"
-    found = find_lag(recording, problem, solution, thresholds)
-    if found is None:
-        return 0.0, "not modelled: the events show none"
-    return found[
-        0
-    ], f"events are {found[0]:.3g} +- {found[1]:.2g} us / I late, say the events, and were moved back"
+        return False, f"not looked for by the {'preset fast' if options.solver == 'lm' else 'solver adam'}"
+    return True, "not modelled: the events show none"
 
 
 def sensor_summary(recording: Recording, solution: lm.Solution, known: np.ndarray) -> dict:

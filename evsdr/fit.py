@@ -148,7 +148,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
         from evsdr import decode, faults, geometry_check, light_choice, transport
         from evsdr import scene as scenes
         from evsdr.gloss_search import solve_gloss
-        from evsdr.lag import without_lag
+        from evsdr.lag import find_lag, without_lag
         from evsdr.problem import make_problem
     with stages.stage("read events"):
         recording = read_recording(options.events)
@@ -196,8 +196,10 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
         if refractory["found_us"] is not None:
             pairs = pair_events(recording, mask)
         problem = make_problem(recording, pairs, light, mask, hot)
+    late, lag = decode.looks_for_lag(options)
+    purpose = "alone" if late else "whole"
     with stages.stage("solve") as advance:
-        solution = decode.solve(problem, start_normal, options, parts, estimate, advance)
+        solution = decode.solve(problem, start_normal, options, parts, estimate, advance, None, purpose)
         fault = (
             faults.find_fault(problem.pairs, problem.illumination, solution)
             if options.solver == "lm"
@@ -213,23 +215,27 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
             order = fault.mend(recording.schedule.order)
             recording = replace(recording, schedule=replace(recording.schedule, order=order))
             problem = make_problem(recording, pairs, light, mask, hot)
-            solution = decode.solve(problem, start_normal, options, parts, estimate, advance)
+            solution = decode.solve(problem, start_normal, options, parts, estimate, advance, None, purpose)
         maps = decode.assemble_maps(problem, solution, mask.shape, ring)
-    with stages.stage("lag") as advance:
-        tau, lag = decode.choose_lag(options, recording, problem, solution, estimate)
-        if tau:
-            recording = without_lag(recording, problem, solution, tau)
-            pairs = pair_events(recording, mask)
-            problem = make_problem(recording, pairs, light, mask, hot)
-            before = maps, solution
-            solution = decode.solve(problem, start_normal, options, parts, estimate, advance, before)
+    if late:
+        with stages.stage("lag, neighbours") as advance:
+            before, purpose = (maps, solution), "learn"
+            found = find_lag(recording, problem, solution, estimate)
+            if found:
+                lag = "events are {:.3g} +- {:.2g} us / I late, as they say, and were moved back".format(
+                    *found
+                )
+                recording = without_lag(recording, problem, solution, found[0])
+                pairs = pair_events(recording, mask)
+                problem, purpose = make_problem(recording, pairs, light, mask, hot), "again"
+            solution = decode.solve(problem, start_normal, options, parts, estimate, advance, before, purpose)
             maps = decode.assemble_maps(problem, solution, mask.shape, ring)
     with stages.stage("settle light") as advance:
 
         def refit(light, fitted, quick):
             problem = make_problem(recording, pairs, light, mask, hot)
-            before = fitted.maps, fitted.solution
-            solution = decode.solve(problem, start_normal, options, parts, estimate, advance, before, quick)
+            before, purpose = (fitted.maps, fitted.solution), "quick" if quick else "light"
+            solution = decode.solve(problem, start_normal, options, parts, estimate, advance, before, purpose)
             return transport.Fitted(
                 problem, solution, decode.assemble_maps(problem, solution, mask.shape, ring)
             )

@@ -1,0 +1,101 @@
+"""Events that come late in dim light: found, moved back, and left alone where there are none."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from analytic import lambert_signals, ring_directions, sphere_normals
+
+from evsdr import lm
+from evsdr.decode import to_theta
+from evsdr.event_pixel import EventPixel
+from evsdr.lag import find_lag, without_lag
+from evsdr.metrics import angular_error_deg
+from evsdr.pairs import pair_events
+from evsdr.problem import make_problem
+from evsdr.shading import Illumination, LambertianRing
+from evsdr.simulate import Options, record
+
+C_W = 0.05
+CUTOFF_HZ = 3000.0
+TAU_US = 1e6 / (2 * np.pi * CUTOFF_HZ)
+SPECTRUM = np.array([0.1, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.6])
+
+
+def sphere(cutoff_hz, size=32):
+    """A recorded sphere: recording, light, mask and true normals."""
+    normal, mask = sphere_normals(size)
+    direction = ring_directions()
+    signal = lambert_signals(normal, np.broadcast_to(SPECTRUM, (size, size, 8)), direction)
+    still = {"spread_on": 0, "spread_off": 0, "photon_rate_per_us": 0, "leak_hz": 0, "hot_fraction": 0}
+    pixel = EventPixel(0.2, 0.2, event_noise=0.05, cutoff_hz=cutoff_hz, **still)
+    recording = record(np.where(mask, signal, 0), C_W, Options(out=Path(), pixel=pixel))
+    vectors = [mi.Vector3f(*d) for d in direction.tolist()]
+    light = Illumination(vectors, [mi.Float(1.0)] * 24, [j % 8 for j in range(24)], mi.Float(C_W))
+    return recording, light, mask, normal[mask]
+
+
+def solve(recording, light, mask):
+    problem = make_problem(recording, pair_events(recording, mask), light, mask)
+    n = problem.n_pixel
+    start = to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25))
+    effort = lm.Effort(priors=None)
+    model = LambertianRing(problem.illumination)
+    return problem, lm.solve(model, problem.pairs, light.constant_light, start, problem.grid, effort)
+
+
+def mean_error(solution, normal):
+    found = np.column_stack([-solution.theta[:, :2], np.ones(len(normal))])
+    return angular_error_deg(found, normal).mean()
+
+
+@pytest.fixture(scope="module")
+def late():
+    recording, light, mask, normal = sphere(CUTOFF_HZ)
+    return recording, light, mask, normal, *solve(recording, light, mask)
+
+
+def test_a_lag_is_found_and_its_events_mended(late):
+    recording, light, mask, normal, problem, solution = late
+    tau, sigma = find_lag(recording, problem, solution, False)
+    assert tau == pytest.approx(TAU_US, rel=0.15) and 0 < sigma < 5
+    _, mended = solve(without_lag(recording, problem, solution, tau), light, mask)
+    assert mean_error(mended, normal) < 0.7 * mean_error(solution, normal)
+    assert mended.noise < solution.noise
+
+
+def test_no_lag_is_found_where_there_is_none():
+    recording, light, mask, _ = sphere(0.0)
+    problem, solution = solve(recording, light, mask)
+    assert find_lag(recording, problem, solution, False) is None
+
+
+def test_events_move_by_tau_over_the_light_they_came_from(late):
+    recording, _, _, _, problem, solution = late
+    moved = without_lag(recording, problem, solution, 100.0)
+    back = recording.events.t - moved.events.t
+    assert back.min() >= 100 / (1 + C_W) - 1 and back.max() <= 100 / C_W + 1
+    k = len(back) // 2  # by hand
+    x, y, t = (getattr(recording.events, name)[k] for name in "xyt")
+    row = int(np.flatnonzero(problem.pixel == y * 32 + x)[0])
+    p, q, *log_reflectance = solution.theta[row]
+    normal = np.array([-p, -q, 1]) / np.sqrt(1 + p * p + q * q)
+    slot_us, start = recording.schedule.slot_us, recording.round_start_us[0]
+    slot, fade = divmod((t - start) / slot_us, 1)
+    signal = np.exp(log_reflectance)[np.arange(24) % 8] * np.maximum(ring_directions() @ normal, 0)
+    light = (1 - fade) * signal[int(slot) % 24] + fade * signal[(int(slot) + 1) % 24] + C_W
+    assert back[k] == pytest.approx(100 / light, abs=1)
+    assert without_lag(recording, problem, solution, 0.0) is recording
+
+
+def test_a_few_pixels_tell_no_lag(late):
+    recording, light, _, _, _, _ = late
+    mask = np.zeros((32, 32), bool)
+    mask[14:16, 10:14] = True
+    keep = mask[recording.events.y, recording.events.x]
+    events = replace(recording.events, **{n: getattr(recording.events, n)[keep] for n in "xypt"})
+    few = replace(recording, events=events)
+    problem, solution = solve(few, light, mask)
+    assert find_lag(few, problem, solution, False) is None
