@@ -143,7 +143,8 @@ def assemble_maps(problem: Problem, solution: lm.Solution, shape: tuple[int, int
     """Lay the solution out as images.
 
     A pixel without information keeps the values of the nearest one that has it, and says so in mask and
-    sigma. With no constant light the scale of each pixel is unknown; its largest band is then 1.
+    sigma; a band that is never lit says so in sigma. With no constant light the scale of each pixel is unknown; its
+    largest band is then 1.
     """
     theta = solution.theta.astype(float)
     normal = np.column_stack([-theta[:, 0], -theta[:, 1], np.ones(len(theta))])
@@ -159,6 +160,8 @@ def assemble_maps(problem: Problem, solution: lm.Solution, shape: tuple[int, int
     if ring.constant_light == 0:
         scale = 1 / reflectance.max(axis=1, keepdims=True)
         reflectance, reflectance_sigma = reflectance * scale, reflectance_sigma * scale
+    led = problem.pairs.slot_leds.numpy() & 0xFFFF
+    reflectance_sigma[:, ~lit_bands(led, problem.illumination.band)] = 1
     sound = (variance > 0).all(axis=1)  # rounding can spoil an inverse
     known = problem.fired & sound & (sigma < KNOWN_SIGMA_DEG)
 
@@ -183,6 +186,13 @@ def assemble_maps(problem: Problem, solution: lm.Solution, shape: tuple[int, int
     maps.reflectance[fill] = maps.reflectance[tuple(nearest[:, fill])]
     maps.normal[~solved] = (0, 0, 1)
     return maps
+
+
+def lit_bands(order: np.ndarray, band: list[int]) -> np.ndarray:
+    """Tell which bands (n_band,) the LEDs of some slots have; numbers of no LED mean darkness."""
+    order = np.asarray(order).astype(np.int64)
+    lit = np.asarray(band)[order[(order >= 0) & (order < len(band))]]
+    return np.isin(np.arange(max(band) + 1), lit)
 
 
 def normal_turn(normal: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -282,6 +292,15 @@ def sensor_summary(recording: Recording, solution: lm.Solution, known: np.ndarra
             "sigma_of_a_pixel": told * float(np.median(gain[:, i] * sigma[:, i])),
         }
     return out
+
+
+def band_note(recording: Recording, ring: RingScene) -> str:
+    """Say which bands are recovered, and with what quadrature."""
+    lit = lit_bands(recording.schedule.order, ring.leds.band)
+    if lit.all():
+        return f"all {len(lit)}, one reflectance each: LEDs of a band share its spectrum, so no quadrature is needed"
+    dark = ", ".join(f"{nm:.0f} nm" for nm in ring.leds.band_wavelength_nm[~lit])
+    return f"{lit.sum()} of {len(lit)}: order lights no LED of {dark}, whose reflectance has a sigma of 1"
 
 
 def scale_note(ring: RingScene) -> str:

@@ -286,6 +286,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
         "preset": options.preset,
         "model": {
             **traced.notes,
+            "bands": decode.band_note(recording, ring),
             "gloss": gloss,
             "silence": "used: between events log I stays within the thresholds"
             if options.solver == "lm"
