@@ -1,0 +1,124 @@
+"""Loops over events: sort them by pixel, pair them, list silences. `pairs` says what these are."""
+
+import numpy as np
+from numba import njit
+
+ROUNDING_US = 1.0  # times are whole microseconds
+
+
+@njit(cache=True)
+def sort_by_pixel(x, y, p, t, mask):
+    """Sort events by pixel, row after row; time order stays within a pixel.
+
+    Parameters
+    ----------
+    x, y, p, t : (n_event,) int
+        Events in time order.
+    mask : (height, width) bool
+        Pixels whose events are kept.
+
+    Returns
+    -------
+    offset : (n_pixel + 1,) int64
+        Events of pixel i = y * width + x are offset[i] .. offset[i+1].
+    p_sorted, t_sorted : (n_kept,) int8, int64
+    """
+    height, width = mask.shape
+    offset = np.zeros(height * width + 1, np.int64)
+    for k in range(len(t)):
+        if mask[y[k], x[k]]:
+            offset[np.int64(y[k]) * width + x[k] + 1] += 1
+    offset = np.cumsum(offset)
+    place = offset[:-1].copy()
+    p_sorted, t_sorted = np.empty(offset[-1], np.int8), np.empty(offset[-1], np.int64)
+    for k in range(len(t)):
+        if mask[y[k], x[k]]:
+            pixel = np.int64(y[k]) * width + x[k]
+            p_sorted[place[pixel]], t_sorted[place[pixel]] = p[k], t[k]
+            place[pixel] += 1
+    return offset, p_sorted, t_sorted
+
+
+@njit(cache=True)
+def pair(offset, p, t, fired, fired_inside, memorised, memorised_inside, refractory_us):
+    """Pair each event with the one before it in its pixel.
+
+    Parameters
+    ----------
+    offset, p, t
+        See `sort_by_pixel`.
+    fired, memorised : (n_event,) float32
+        Phase of each event, and one refractory period later.
+    fired_inside, memorised_inside : (n_event,) bool
+        Whether these lie within the rounds.
+    refractory_us : float
+
+    Returns
+    -------
+    pair_offset : (n_pixel + 1,) uint32
+    start, end, polarity : (n_pair,) float32, float32, int8
+    n_dropped, n_close : int
+        Pairs left out, and those of them that are too close.
+    """
+    pair_offset = np.zeros(len(offset), np.uint32)
+    start, end = np.empty(len(t), np.float32), np.empty(len(t), np.float32)
+    polarity = np.empty(len(t), np.int8)
+    n, n_dropped, n_close = 0, 0, 0
+    for pixel in range(len(offset) - 1):
+        for k in range(offset[pixel] + 1, offset[pixel + 1]):
+            early = t[k] - t[k - 1] - refractory_us  # how long after the reference was memorised
+            too_close = early < -ROUNDING_US
+            n_close += too_close
+            if too_close or not fired_inside[k] or (early >= 0 and not memorised_inside[k - 1]):
+                n_dropped += 1
+                continue
+            start[n] = fired[k] if early < 0 else memorised[k - 1]
+            end[n], polarity[n] = fired[k], 2 * p[k] - 1
+            n += 1
+        pair_offset[pixel + 1] = n
+    return pair_offset, start[:n].copy(), end[:n].copy(), polarity[:n].copy(), n_dropped, n_close
+
+
+@njit(cache=True)
+def list_silences(
+    offset, t, fired, fired_inside, memorised, memorised_inside, refractory_us, slot_us, n_slot, last
+):
+    """List the slot starts between each event and the next of its pixel, or the end of the recording.
+
+    Parameters
+    ----------
+    offset ... refractory_us
+        See `pair`.
+    slot_us : float
+    n_slot : int
+    last : (float, float, bool)
+        Time of the end [us], its phase, and whether it lies within the rounds.
+
+    Returns
+    -------
+    silent_offset : (n_pixel + 1,) uint32
+    silent_start, silent_probe : (n_probe,) float32
+    """
+    last_us, last_phase, last_inside = last
+    crossed = np.zeros(len(t), np.int32)
+    silent_offset = np.zeros(len(offset), np.uint32)
+    n = 0
+    for pixel in range(len(offset) - 1):
+        for k in range(offset[pixel], offset[pixel + 1]):
+            followed = k + 1 < offset[pixel + 1]
+            length = (t[k + 1] if followed else last_us) - t[k] - refractory_us
+            inside = fired_inside[k + 1] if followed else last_inside
+            if memorised_inside[k] and inside and length > 0:
+                slot = np.int64(fired[k + 1] if followed else last_phase)
+                passed = (slot - np.int64(memorised[k])) % n_slot
+                rounds = np.rint((length / slot_us - passed) / n_slot)
+                crossed[k] = min(passed + n_slot * max(rounds, 0.0), n_slot)
+                n += crossed[k]
+        silent_offset[pixel + 1] = n
+    start, probe = np.empty(n, np.float32), np.empty(n, np.float32)
+    n = 0
+    for k in range(len(t)):
+        for step in range(1, crossed[k] + 1):
+            start[n], probe[n] = memorised[k], (np.int64(memorised[k]) + step) % n_slot
+            n += 1
+    return silent_offset, start, probe
