@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import numpy as np
 
-from evsdr import lm
 from evsdr.decode import normal_sigma_deg, to_theta
 from evsdr.event_pixel import EventPixel, simulate_events
 from evsdr.event_terms import derivative_table, normal_equations
@@ -122,7 +121,7 @@ def _information(problem, theta: list, noise: float) -> np.ndarray:
     """Give the Fisher information (n_pixel, n_unknown, n_unknown) of slopes and log reflectances."""
     Float, UInt32 = type(problem.pairs.phases), type(problem.pairs.offset)
     light, n = problem.illumination, len(theta)
-    signals = LambertianRing(light)(theta[0], theta[1], [dr.exp(t) for t in theta[2:]], Float(lm.HARD))
+    signals = LambertianRing(light)(theta[0], theta[1], [dr.exp(t) for t in theta[2:]], Float(light.horizon))
     table = derivative_table(*signals, light.band, problem.n_pixel)
     _, _, triangle = normal_equations(
         table,

@@ -22,6 +22,8 @@ class Effort:
         Steps at the end.
     n_pair : int
         Events of a pixel that count before the last steps.
+    n_most : int, optional
+        Events of a pixel that count at all.
     n_expectation : int
         Rounds of expectation maximisation that look for the distribution of unknown thresholds.
     robust : float
@@ -40,6 +42,7 @@ class Effort:
     n_try: int = 3
     n_final: int = 6
     n_pair: int = 64
+    n_most: int | None = None
     n_expectation: int = 4
     robust: float = 2.0
     fine: bool = True
@@ -54,6 +57,7 @@ PRESETS = {
         n_try=2,
         n_final=4,
         n_pair=40,
+        n_most=48,
         n_expectation=3,
         priors=Priors(n_round=3, n_draw=4),
     ),

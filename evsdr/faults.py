@@ -141,6 +141,6 @@ def signals_of(light: Illumination, theta: np.ndarray) -> np.ndarray:
     Float = type(light.constant_light)
     columns = [Float(np.ascontiguousarray(c, np.float32)) for c in theta.T]
     reflectance = [dr.exp(c) for c in columns[2 : 2 + light.n_band]]
-    signal, _, _ = LambertianRing(light)(columns[0], columns[1], reflectance, Float(lm.HARD))
+    signal, _, _ = LambertianRing(light)(columns[0], columns[1], reflectance, Float(light.horizon))
     rows = [np.broadcast_to(s.numpy(), len(theta)) for s in signal]
     return np.stack([*rows, np.zeros(len(theta))])

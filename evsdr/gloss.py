@@ -15,7 +15,6 @@ from scipy.stats import t as student
 
 from evsdr.adam import GATE_DEG
 from evsdr.event_terms import PairData, ends, relative_residual, signal_table
-from evsdr.lm import HARD
 from evsdr.shading import Illumination, LambertianRing
 
 INDEX = 1.5  # of refraction of the coating
@@ -209,7 +208,9 @@ def pair_residuals(model, pairs: PairData, constant_light, theta: np.ndarray) ->
     """
     Float = type(pairs.phases)
     p, q, *log_reflectance = (Float(np.ascontiguousarray(column, np.float32)) for column in theta.T)
-    signal, *_ = model(p, q, [dr.exp(t) for t in log_reflectance], dr.opaque(Float, HARD))
+    signal, *_ = model(
+        p, q, [dr.exp(t) for t in log_reflectance], dr.opaque(Float, model.illumination.horizon)
+    )
     table = signal_table(signal, len(theta))
     return relative_residual(table, pairs, constant_light, *_every_pair(pairs), True)[0].numpy()
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from evsdr.event_terms import SMALLEST_SLOPE, gaussian_share
 from evsdr.gloss import GlossyRing
-from evsdr.lm import HARD, LOG_REFLECTANCE_SIGMA, REFLECTANCE_CENTRE, SLOPE_SIGMA
+from evsdr.lm import LOG_REFLECTANCE_SIGMA, REFLECTANCE_CENTRE, SLOPE_SIGMA
 from evsdr.shading import LambertianRing
 
 N_SAMPLE, MAX_PAIRS = 400, 256  # pixels that stand for all of a kind, and pairs of each
@@ -72,7 +72,7 @@ class Sample:
         Float = type(light.irradiance[0])
         p, q, *rho = (Float(np.ascontiguousarray(column, np.float32)) for column in theta.T)
         rho = [dr.exp(r) for r in rho]
-        soft, one = dr.opaque(Float, HARD), dr.opaque(Float, 1.0)
+        soft, one = dr.opaque(Float, light.horizon), dr.opaque(Float, 1.0)
         models = [LambertianRing(light)]
         for factor in (1.0, np.exp(-STEP), np.exp(STEP)):
             models.append(GlossyRing(light, kind(dr.opaque(Float, shape * float(factor)), one), self.view))

@@ -39,7 +39,6 @@ FIRED_LOWER = (
     1.0  # an event's own threshold is this times noise^2 below the mean: lower ones are reached first
 )
 SMALLEST_SPREAD = 0.003  # of the log of thresholds over the pixels: less is one value for all
-HARD = 1e-3  # softness of a horizon that is hard for all purposes
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual
 N_SHOWN = 32  # pairs of a pixel that show its noise
 MISFIT, IGNORED = (
@@ -126,13 +125,15 @@ def solve(
     Float, UInt32 = type(start[0]), type(pairs.offset)
     n_unknown = len(start)
     n_pixel = dr.opaque(UInt32, dr.width(start[0]))
-    n_band = model.illumination.n_band
+    n_band, hard = model.illumination.n_band, model.illumination.horizon
     thresholds = n_unknown > 2 + n_band
     prior_centre = [0.0, 0.0] + [float(np.log(REFLECTANCE_CENTRE))] * n_band
     prior_sigma = [SLOPE_SIGMA] * 2 + [LOG_REFLECTANCE_SIGMA] * n_band
     hyper = [dr.opaque(Float, value) for value in (0.0, 0.0, *FIRST_THRESHOLD_SIGMA)] if thresholds else []
 
     slope_term = gaussian_share(effort.robust)
+    if effort.n_most:
+        pairs = thin(pairs, effort.n_most)
     few = heard = thin(pairs, effort.n_pair)  # enough until the last steps
     freeze = dr.freeze(state_fn=lambda *_: (model, heard, few, constant_light, n_pixel))
 
@@ -241,7 +242,7 @@ def solve(
 
     def horizon(theta):
         """Give each pixel's softness: as its surface is curved within it."""
-        out = dr.maximum(pixel_horizon(theta[0], theta[1], grid), HARD)
+        out = dr.sqrt(dr.square(pixel_horizon(theta[0], theta[1], grid)) + hard * hard)
         dr.make_opaque(out)
         return out
 
@@ -297,27 +298,27 @@ def solve(
     for softness, noise, count in effort.stages:
         noise = measure_noise(theta, softness) if noise is None else noise
         theta, _ = descend(theta, softness, noise, count, "descent")
-    noise = measure_noise(theta, HARD)
-    theta, terms = descend(theta, HARD, noise, effort.n_final)
+    noise = measure_noise(theta, hard)
+    theta, terms = descend(theta, hard, noise, effort.n_final)
     for sweep in range(effort.n_sweep):
         for i, place in enumerate(NEXT):
             candidate = [dr.gather(Float, t, grid.index[place]) for t in theta]
-            theta, terms = offer(theta, terms, candidate, HARD, noise)
+            theta, terms = offer(theta, terms, candidate, hard, noise)
             progress("starts", (sweep * len(NEXT) + i + 1) / (effort.n_sweep * len(NEXT)))
     for round_ in range(effort.n_expectation if thresholds else 0):
-        noise = measure_noise(theta, HARD)
-        theta, terms = descend(theta, HARD, noise, effort.n_try, None, effort.fine)
+        noise = measure_noise(theta, hard)
+        theta, terms = descend(theta, hard, noise, effort.n_try, None, effort.fine)
         hyper = distribution(theta, terms)
         progress("thresholds", (round_ + 1) / effort.n_expectation)
     heard = pairs
-    noise = measure_noise(theta, HARD)
-    theta, terms = descend(theta, HARD, noise, effort.n_final, "refinement", effort.fine)
+    noise = measure_noise(theta, hard)
+    theta, terms = descend(theta, hard, noise, effort.n_final, "refinement", effort.fine)
     if thresholds:
         hyper = distribution(theta, terms)
         for value in hyper[:2]:
             value += FIRED_LOWER * noise**2
         dr.make_opaque(hyper)
-        theta, terms = descend(theta, HARD, noise, effort.n_final, None, effort.fine)
+        theta, terms = descend(theta, hard, noise, effort.n_final, None, effort.fine)
     curved = False
     if effort.fine:
         curved_theta, curved_terms = descend(theta, horizon(theta), noise, effort.n_try, None, True)
@@ -325,7 +326,7 @@ def solve(
         theta = curved_theta if curved else theta
 
     def softness_at(theta):
-        return horizon(theta) if curved else dr.opaque(Float, HARD)
+        return horizon(theta) if curved else dr.opaque(Float, hard)
 
     noise = measure_noise(theta, softness_at(theta))
     factor = (

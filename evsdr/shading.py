@@ -5,11 +5,14 @@ A_xj = R_xb max(0, n_x . l_xj) V_xj g_xj INT D E_j      (b: band of LED j)
 Nothing here knows Mitsuba; arrays of any Dr.Jit backend will do.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 
 from evsdr.grid import Grid
+
+HARD = 1e-3  # softness of a horizon that is hard for all purposes
+OF_SPREAD = 0.8  # softness of a horizon over which n . l is spread, see `pixel_horizon`
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,8 @@ class Illumination:
         C_w.
     indirect : list of Float, (n_led) of width n_pixel, optional
         What each LED sends by way of other surfaces, in the unit of the irradiance; whatever the pixel's normal.
+    spread : float
+        Standard deviation of the direction over the surface of an LED [rad]; 0 for points.
     """
 
     direction: list
@@ -35,6 +40,12 @@ class Illumination:
     band: list
     constant_light: object
     indirect: list | None = None
+    spread: float = 0.0
+
+    @property
+    def horizon(self) -> float:
+        """Softness of the horizon (see `soft_max0`) behind which LEDs set: hard for all purposes if they are points."""
+        return max(HARD, OF_SPREAD * self.spread)
 
     @property
     def n_led(self) -> int:
@@ -53,7 +64,7 @@ class Illumination:
         direction, irradiance = [pick(d) for d in self.direction], [pick(e) for e in self.irradiance]
         indirect = None if self.indirect is None else [pick(e) for e in self.indirect]
         dr.make_opaque(direction, irradiance, indirect)
-        return Illumination(direction, irradiance, self.band, self.constant_light, indirect)
+        return replace(self, direction=direction, irradiance=irradiance, indirect=indirect)
 
 
 def soft_max0(x, softness):
@@ -128,7 +139,7 @@ def pixel_horizon(p, q, grid: Grid):
             for n in normal
         )
         variance += change / dr.square(dr.maximum(pixels, 1.0)) / 24.0
-    return 0.8 * dr.sqrt(variance)
+    return OF_SPREAD * dr.sqrt(variance)
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ class Options:
     thresholds: Literal["calibrated", "nominal"] = "calibrated"
     """What events.h5 tells of the thresholds: those of each pixel, or one nominal value."""
     spp: int | None = None
-    """Rays per pixel; by default 16, and 64 where light goes by way of other surfaces, whose noise is not real."""
+    """Rays per pixel; by default 16, and 64 where LEDs have a surface or light goes by way of others: such noise is not real."""
     seed: int = 0
     """Seed of everything random."""
     define: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction] = field(
@@ -58,7 +58,7 @@ class Options:
     """name=value for a <default> parameter of the scene file; may be repeated."""
 
 
-SPP, INDIRECT_SPP = 16, 64
+SPP, SOFT_SPP = 16, 64
 IDEAL = dict(
     spread_on=0.0,
     spread_off=0.0,
@@ -130,7 +130,8 @@ def render(options: Options) -> tuple[np.ndarray, Truth, float]:
     from evsdr import scene as scenes
 
     ring = scenes.load_scene(options.scene, parse_definitions(options.define))
-    spp = options.spp or (SPP if ring.integrator.max_depth == 1 else INDIRECT_SPP)
+    sharp = ring.integrator.max_depth == 1 and all(e.get_shape() is None for e in ring.leds.emitter)
+    spp = options.spp or (SPP if sharp else SOFT_SPP)
     maps = scenes.surface_maps(ring, spp, options.seed)
     signal = scenes.led_images(ring, spp, options.seed)
     return signal, Truth(maps.normal, maps.reflectance, maps.mask), ring.constant_light

@@ -29,7 +29,7 @@ visibility, direction and distance of the LEDs, and is traced once:
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from evsdr.integrators.leds import Leds, find_leds
+from evsdr.integrators.leds import Leds, emitter_id, find_leds
 
 from evsdr.shading import Illumination, led_signals
 
@@ -217,7 +217,8 @@ class RingIntegrator(mi.SamplingIntegrator):
                 d = mi.Vector3f(next(value), next(value), next(value))
                 length = dr.norm(d)
                 direction.append(dr.select(length > 0, d / dr.maximum(length, 1e-20), mi.Vector3f(0, 0, 1)))
-        return Illumination(direction, irradiance, [int(b) for b in leds.band], self.constant_light), coverage
+        bands, spread = [int(b) for b in leds.band], largest_spread(leds, scene)
+        return Illumination(direction, irradiance, bands, self.constant_light, None, spread), coverage
 
     def _textured_signals(self, scene, sensor, spp, seed):
         """Signals by the image-space textures; the geometry's part is traced once."""
@@ -273,6 +274,19 @@ def mean_vector(leds: Leds, j: int, si, active) -> mi.Vector3f:
             ds, geometry = toward_led(leds, j, si, mi.Point2f(u, v), active)
             total += geometry * ds.d
     return total / len(coordinate) ** 2
+
+
+def largest_spread(leds: Leds, scene: mi.Scene) -> float:
+    """Give the standard deviation of the direction to a point of the widest LED [rad], seen from the object."""
+    place = next(s for s in scene.shapes() if s.id() == "object").bbox().center()
+    shapes = {emitter_id(e): e.get_shape() for e in scene.emitters() if e.get_shape() is not None}
+    spreads = [
+        (float(shape.surface_area()[0]) / 12) ** 0.5
+        / max(float(dr.norm(shape.bbox().center() - place)), 1e-6)
+        for name, shape in shapes.items()
+        if name.startswith("led")
+    ]
+    return max(spreads, default=0.0)
 
 
 def seen(leds: Leds, j: int, si, active) -> mi.Float:

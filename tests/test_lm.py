@@ -13,7 +13,7 @@ from evsdr.metrics import angular_error_deg
 from evsdr.pairs import pair_events
 from evsdr.problem import make_problem
 from evsdr.records import Recording, Schedule, Sensor
-from evsdr.shading import Illumination, LambertianRing
+from evsdr.shading import HARD, Illumination, LambertianRing
 
 C_W = 0.05
 ALONE = lm.Effort(priors=None)  # each pixel by itself
@@ -95,7 +95,7 @@ def test_no_pixel_stays_where_a_better_start_exists():
     reached = solve(problem)
     n = problem.n_pixel
     best = solve(
-        problem, replace(ALONE, stages=((lm.HARD, 0.1, 10),)), to_theta(truth, np.tile(SPECTRUM, (n, 1)))
+        problem, replace(ALONE, stages=((HARD, 0.1, 10),)), to_theta(truth, np.tile(SPECTRUM, (n, 1)))
     )
     assert np.mean(reached.cost > best.cost + 1) < 0.005
 
@@ -146,8 +146,8 @@ def test_a_fixed_pattern_of_thresholds_is_found(rng):
 
 def test_the_hard_horizon_alone_gets_stuck_and_other_starts_free_it():
     problem, truth = sphere_problem(32, event_noise=0.1)
-    direct = solve(problem, replace(ALONE, stages=((lm.HARD, 0.3, 20),), n_sweep=0))
-    freed = solve(problem, replace(ALONE, stages=((lm.HARD, 0.3, 20),), n_sweep=4))
+    direct = solve(problem, replace(ALONE, stages=((HARD, 0.3, 20),), n_sweep=0))
+    freed = solve(problem, replace(ALONE, stages=((HARD, 0.3, 20),), n_sweep=4))
     assert np.mean(freed.cost) < np.mean(direct.cost) - 1
     assert errors(freed, truth)[0].mean() < errors(direct, truth)[0].mean()
 

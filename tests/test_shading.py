@@ -6,6 +6,7 @@ from analytic import lambert_signals, ring_directions
 
 from evsdr.grid import make_grid
 from evsdr.shading import (
+    HARD,
     Illumination,
     LambertianRing,
     led_signals,
@@ -106,3 +107,17 @@ def test_the_pixel_horizon_is_the_mean_over_a_curved_pixel():
         hard += list((np.maximum(cosine, 0) - fine)[near])
         soft += list((softened - fine)[near])
     assert np.std(soft) < 0.6 * np.std(hard)
+
+
+def test_an_led_with_a_surface_sets_slowly(rng):
+    """Near the horizon: max(0, n . l) averaged over a square LED by brute force, and by its softness."""
+    spread = 0.2 / 3**0.5 / 3.5  # of a square 0.4 wide at 3.5
+    light = Illumination([mi.Vector3f(0, 0, 1)], [mi.Float(1)], [0], mi.Float(0.05), spread=spread)
+    point = np.array([3.5, 0, 0]) + np.r_[0, 1, 1] * rng.uniform(-0.2, 0.2, (200_000, 3))
+    direction = point / np.linalg.norm(point, axis=1, keepdims=True)
+    for elevation in np.linspace(-0.06, 0.06, 9):
+        normal = np.array([np.sin(elevation), np.cos(elevation), 0])
+        wanted = np.maximum(direction @ normal, 0).mean()
+        softened = float(soft_max0(mi.Float(np.sin(elevation)), mi.Float(light.horizon))[0])
+        assert softened == pytest.approx(wanted, abs=0.1 * spread)
+    assert Illumination([], [], [0], mi.Float(0.05)).horizon == HARD

@@ -244,3 +244,12 @@ def test_indirect_light_joins_signal_and_its_slope():
     )
     kept = more.gather(mi.UInt32(0))
     assert kept.indirect is not None
+
+
+def test_spread_of_leds(tmp_path):
+    """A square LED 0.4 wide at 3.5 spreads by 0.4 / sqrt(12) / 3.5; points by nothing."""
+    soft = scenes.load_scene(REPOSITORY / "scenes" / "soft_ring.xml", {"size": "8"})
+    light, _ = scenes.trace_illumination(soft, 1, False)
+    assert light.spread == pytest.approx(0.4 / 12**0.5 / 3.5, rel=0.02)
+    light, _ = scenes.trace_illumination(load(tmp_path, with_ball(0.7)), 1, False)
+    assert light.spread == 0

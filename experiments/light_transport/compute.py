@@ -2,6 +2,7 @@
 
 import io
 import re
+import shutil
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -74,23 +75,23 @@ CASES = (
 
 def scene_file(name: str, folder: Path) -> Path:
     """Find a scene by its name."""
-    file = folder / f"{name}.xml"
-    return file if file.is_file() else SCENES / f"{name}.xml"
+    file = SCENES / f"{name}.xml"
+    return file if file.is_file() else folder / file.name
 
 
 def write_distant_ring(folder: Path) -> None:
     """Write the near ring's scene with the ring DISTANCE times as far and as much stronger."""
-    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copytree(SCENES, folder, dirs_exist_ok=True)
     rig = (SCENES / "ring24_near.xml").read_text()
     rig = re.sub(r' ([xyz])="([-\d.e]+)"', lambda m: f' {m[1]}="{DISTANCE * float(m[2])}"', rig)
-    strength = re.compile(r'name="values" value="([^"]*)"')
-    rig = strength.sub(
-        lambda m: f'name="values" value="{" ".join(f"{DISTANCE**2 * float(v):g}" for v in m[1].split())}"',
-        rig,
-    )
-    (folder / "rig.xml").write_text(rig)
-    near = (SCENES / "near_ring.xml").read_text().replace("ring24_near.xml", str(folder / "rig.xml"))
-    (folder / "distant_ring.xml").write_text(re.sub(r'"((?!/)[\w$]+\.(?:xml|ply))"', rf'"{SCENES}/\1"', near))
+
+    def stronger(values):
+        return (
+            'name="values" value="' + " ".join(f"{DISTANCE**2 * float(v):g}" for v in values[1].split()) + '"'
+        )
+
+    (folder / "ring24_near.xml").write_text(re.sub(r'name="values" value="([^"]*)"', stronger, rig))
+    (folder / "near_ring.xml").rename(folder / "distant_ring.xml")
 
 
 def run(case: Case, folder: Path, size: int) -> list[Result]:
@@ -98,7 +99,8 @@ def run(case: Case, folder: Path, size: int) -> list[Result]:
     define = (f"size={size}", *case.define)
     quiet = redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO())
     with quiet[0], quiet[1], warnings.catch_warnings():
-        write_distant_ring(folder)
+        if not scene_file(case.scene, folder).is_file():
+            write_distant_ring(folder)
         simulate.command(simulate.Options(scene_file(case.scene, folder), out=folder, define=define))
         fit_one(case, folder, define, *next(iter(case.ways.items())))  # compiles
         return [fit_one(case, folder, define, name, options) for name, options in case.ways.items()]
