@@ -27,7 +27,7 @@ class Effort:
     n_expectation : int
         Rounds of expectation maximisation that look for the distribution of unknown thresholds.
     robust : float
-        Width of the Cauchy cost in standard deviations.
+        Width of the Cauchy cost in standard deviations; half as much again where thresholds are unknown.
     fine : bool
         Whether the last steps also use the density of event times, silence, each pixel's own noise, and, where the
         events agree, a horizon as soft as the surface within a pixel is curved.
@@ -58,8 +58,8 @@ PRESETS = {
         n_final=4,
         n_pair=40,
         n_most=48,
-        n_expectation=3,
-        priors=Priors(n_round=3, n_draw=4),
+        n_expectation=2,
+        priors=Priors(n_round=3, n_draw=2),
     ),
     "balanced": Effort(),
     "accurate": Effort(

@@ -40,6 +40,7 @@ FIRED_LOWER = (
 )
 SMALLEST_SPREAD = 0.003  # of the log of thresholds over the pixels: less is one value for all
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual
+WIDER = 1.5  # width of the Cauchy cost where thresholds are unknown: the tails of the residuals tell of them
 N_SHOWN = 32  # pairs of a pixel that show its noise
 MISFIT, IGNORED = (
     3.0,
@@ -131,7 +132,8 @@ def solve(
     prior_sigma = [SLOPE_SIGMA] * 2 + [LOG_REFLECTANCE_SIGMA] * n_band
     hyper = [dr.opaque(Float, value) for value in (0.0, 0.0, *FIRST_THRESHOLD_SIGMA)] if thresholds else []
 
-    slope_term = gaussian_share(effort.robust)
+    robust = effort.robust * (WIDER if thresholds else 1)
+    slope_term = gaussian_share(robust)
     if effort.n_most:
         pairs = thin(pairs, effort.n_most)
     few = heard = thin(pairs, effort.n_pair)  # enough until the last steps
@@ -156,7 +158,7 @@ def solve(
             n_pixel,
             n_band,
             noise,
-            effort.robust,
+            robust,
             thresholds,
         )
         cost, gradient, matrix = normal_equations(*given, slope_term if fine else 0.0)

@@ -178,7 +178,7 @@ def describe_gloss(gloss: Gloss) -> str:
 BALANCED = lm.PRESETS["balanced"]
 METHODS: dict[str, tuple[Callable, lm.Effort]] = {
     "least squares": (matt, replace(BALANCED, robust=LEAST_SQUARES)),
-    "robust, width 3 (default)": (matt, BALANCED),
+    "robust, width 2 (default)": (matt, BALANCED),
     "robust, width 1": (matt, replace(BALANCED, robust=1.0)),
     "robust, width of residuals": (own_width, BALANCED),
     "angular gate, least squares": (gated, replace(BALANCED, robust=LEAST_SQUARES)),
