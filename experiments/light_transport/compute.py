@@ -99,7 +99,7 @@ def run(case: Case, folder: Path, size: int) -> list[Result]:
     define = (f"size={size}", *case.define)
     quiet = redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO())
     with quiet[0], quiet[1], warnings.catch_warnings():
-        if not scene_file(case.scene, folder).is_file():
+        if case.scene == "distant_ring":
             write_distant_ring(folder)
         simulate.command(simulate.Options(scene_file(case.scene, folder), out=folder, define=define))
         fit_one(case, folder, define, *next(iter(case.ways.items())))  # compiles
