@@ -111,6 +111,7 @@ def solve(
         problem.grid,
         effort,
         progress,
+        before[1].threshold_prior if before else None,
     )
     return replace(solution, n_step=n_step or solution.n_step)
 

@@ -109,5 +109,6 @@ def _again(problem: Problem, effort: lm.Effort, solution: lm.Solution, model, pr
     start = [Float(np.ascontiguousarray(column, np.float32)) for column in columns]
     effort = replace(effort, stages=AGAIN)
     model = model or LambertianRing(light)
-    again = lm.solve(model, problem.pairs, light.constant_light, start, problem.grid, effort, progress)
+    given = problem.pairs, light.constant_light, start, problem.grid, effort, progress
+    again = lm.solve(model, *given, solution.threshold_prior)
     return replace(again, n_step=solution.n_step + again.n_step)

@@ -71,6 +71,8 @@ class Solution:
         Estimated factors on the told C_on and C_off.
     threshold_gain_sigma : (n_pixel, 2) float32, optional
         One standard deviation of each, relative.
+    threshold_prior : tuple of 4 float, optional
+        How the logarithms of the factors are distributed over the pixels: two centres, two standard deviations.
     prior_scale : dict
         Scales of the priors that counted, see `priors.Posterior`.
     """
@@ -83,6 +85,7 @@ class Solution:
     n_step: int
     threshold_gain: np.ndarray | None = None
     threshold_gain_sigma: np.ndarray | None = None
+    threshold_prior: tuple | None = None
     prior_scale: dict = field(default_factory=dict)
 
 
@@ -95,6 +98,7 @@ def solve(
     grid: Grid,
     effort: Effort,
     progress: Callable[[str, float], None] = lambda stage, share: None,
+    threshold_prior: tuple | None = None,
 ) -> Solution:
     """Fit slopes and reflectances to event pairs.
 
@@ -118,6 +122,8 @@ def solve(
         How hard to try.
     progress : callable (stage, share)
         Told what is done, share 0..1.
+    threshold_prior : tuple of 4 float, optional
+        What an earlier solution found of the thresholds' distribution; kept if `effort` has no `n_expectation`.
 
     Returns
     -------
@@ -130,7 +136,8 @@ def solve(
     thresholds = n_unknown > 2 + n_band
     prior_centre = [0.0, 0.0] + [float(np.log(REFLECTANCE_CENTRE))] * n_band
     prior_sigma = [SLOPE_SIGMA] * 2 + [LOG_REFLECTANCE_SIGMA] * n_band
-    hyper = [dr.opaque(Float, value) for value in (0.0, 0.0, *FIRST_THRESHOLD_SIGMA)] if thresholds else []
+    distributed = threshold_prior or (0.0, 0.0, *FIRST_THRESHOLD_SIGMA)
+    hyper = [dr.opaque(Float, value) for value in distributed] if thresholds else []
 
     robust = effort.robust * (WIDER if thresholds else 1)
     slope_term = gaussian_share(robust)
@@ -315,7 +322,7 @@ def solve(
     heard = pairs
     noise = measure_noise(theta, hard)
     theta, terms = descend(theta, hard, noise, effort.n_final, "refinement", effort.fine)
-    if thresholds:
+    if thresholds and (effort.n_expectation or threshold_prior is None):
         hyper = distribution(theta, terms)
         for value in hyper[:2]:
             value += FIRED_LOWER * noise**2
@@ -367,6 +374,7 @@ def solve(
         n_step,
         gain,
         gain_sigma,
+        tuple(float(value[0]) for value in hyper) if thresholds else None,
         scale,
     )
 
