@@ -11,7 +11,7 @@ import numpy as np
 from evsdr import trial
 from evsdr.event_terms import PairData, pack_phases, pack_slots
 from evsdr.faults import signals_of
-from evsdr.lm import IGNORED, Solution
+from evsdr.lm import Solution
 from evsdr.pairs import CHUNK, pair_events
 from evsdr.problem import Problem
 from evsdr.records import Recording
@@ -20,6 +20,7 @@ from evsdr.ring_light import phase
 N_PIXEL = 300  # pixels that tell it
 FEWEST_EVENTS = 20  # of such a pixel
 FEWEST_PIXELS = 20
+CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more than a lag may be wrong
 CANDIDATES_US = (0.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0)  # at the light of a white patch
 FINE = np.linspace(-0.6, 0.6, 7)  # around the best, relative to the distance of its neighbours
 DECISIVE = 20.0  # gain in log likelihood, and standard deviations from 0, from which there is a lag
@@ -48,7 +49,7 @@ def find_lag(
         Estimate and one standard deviation [us]; None if no lag is needed to explain the events.
     """
     counts = np.diff(problem.pairs.offset.numpy().astype(np.int64))
-    clear = np.flatnonzero((counts >= FEWEST_EVENTS) & (solution.noise_factor < IGNORED))
+    clear = np.flatnonzero((counts >= FEWEST_EVENTS) & (solution.noise_factor < CLEAR))
     if len(clear) < FEWEST_PIXELS:
         return None
     row = np.sort(np.random.default_rng(0).permutation(clear)[:N_PIXEL])
@@ -65,6 +66,9 @@ def find_lag(
     step = CANDIDATES_US[min(best + 1, len(CANDIDATES_US) - 1)] - CANDIDATES_US[best - 1]
     fine = np.clip(CANDIDATES_US[best] + 0.5 * step * FINE, 0, None)
     curve = np.polynomial.Polynomial.fit(fine, costs(fine), 2).convert()
+    if curve.coef[2] <= 0:  # few and contrary events: the coarse ones have to do
+        around = slice(best - 1, best + 2)
+        curve = np.polynomial.Polynomial.fit(CANDIDATES_US[around], cost[around], 2).convert()
     if curve.coef[2] <= 0:
         return None
     tau = float(np.clip(-0.5 * curve.coef[1] / curve.coef[2], fine[0], fine[-1]))
