@@ -75,7 +75,7 @@ class Options:
 MOST_RAYS = {"fast": 4, "balanced": 16, "accurate": 64}  # per pixel, for visibility
 WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
 CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
-CONTRARY_SHARE = 0.01  # of the pixels, from which they are worth a warning
+CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are worth a warning
 PRIORS = ("normal", "integrable", "reflectance", "spectra")
 MAX_BANDS = 40  # of the per-pixel systems
 THRESHOLDS = (1e-3, 10.0)  # of natural log intensity, outside of which no event pixel is
@@ -321,7 +321,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
 def warn_of_hot_pixels(path: Path, pairs, problem, solution, hot: np.ndarray) -> None:
     """Say how many pixels fire events that the light does not explain."""
     contrary = hot.ravel()[problem.pixel] | (solution.noise_factor > CONTRARY)
-    if contrary.mean() < CONTRARY_SHARE:
+    if np.count_nonzero(contrary) < max(CONTRARY_COUNT, CONTRARY_SHARE * len(contrary)):
         return
     count = np.diff(pairs.offset.astype(np.int64))[problem.pixel]
     often = np.median(count[contrary]) > 2 * np.median(count[~contrary]) if not contrary.all() else False
