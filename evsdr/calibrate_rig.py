@@ -11,7 +11,7 @@ from evsdr import calibrate_colour as colours
 from evsdr import calibrate_draw
 from evsdr import calibrate_patch as patching
 from evsdr.calibrate_camera import View, depth_of_origin, load_ring, pixel_centers, view_of
-from evsdr.calibrate_mirror import led_contrast, find_highlights
+from evsdr.calibrate_mirror import find_highlights, led_contrast
 from evsdr.calibrate_pairs import collect_pairs, join, thin
 from evsdr.calibrate_xml import find_leds, flatten, include_text, place_led, scale_led
 from evsdr.console import check_range, parse_definitions

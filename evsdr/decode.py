@@ -1,7 +1,7 @@
-"""The steps of a fit that touch Mitsuba: light, problem, solvers, maps."""
+"""From a problem to maps: the solvers with their settings, and what their solutions look like as images."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import mitsuba as mi
 import numpy as np
@@ -9,8 +9,7 @@ from scipy import ndimage
 
 from evsdr import adam, lm
 from evsdr.problem import Problem
-from evsdr.records import Maps, Recording
-from evsdr.refractory import find_refractory
+from evsdr.records import Maps
 from evsdr.scene import RingScene, camera_geometry, surface_maps
 from evsdr.shading import LambertianRing
 
@@ -38,6 +37,65 @@ PURPOSES = {
 }
 
 
+@dataclass(frozen=True)
+class Fitted:
+    """One fit: the problem, its solution, and the maps it gives."""
+
+    problem: Problem
+    solution: lm.Solution
+    maps: Maps
+
+
+@dataclass(frozen=True)
+class Decoder:
+    """Solves one problem after another with the same settings.
+
+    Attributes
+    ----------
+    ring : RingScene
+    options : fit.Options
+        `solver`, `preset`, `shadows` and `seed` count.
+    priors : tuple of str
+        Of `priors.PARTS`: what pixels tell of each other.
+    start_normal : (height, width, 3) float32
+        Start values, camera frame.
+    thresholds : bool
+        Whether each pixel's contrast thresholds are unknown, too.
+    """
+
+    ring: RingScene
+    options: object
+    priors: tuple
+    start_normal: np.ndarray
+    thresholds: bool
+
+    def __call__(
+        self,
+        problem: Problem,
+        before: Fitted | None = None,
+        purpose: str = "whole",
+        progress: Callable[[str, float], None] = lambda stage, share: None,
+    ) -> Fitted:
+        """Solve a problem, from an earlier fit if there is one; arguments as those of `solve`."""
+        solution = solve(
+            problem,
+            self.start_normal,
+            self.options,
+            self.priors,
+            self.thresholds,
+            progress,
+            before,
+            purpose,
+        )
+        return self.fitted(problem, solution)
+
+    def fitted(self, problem: Problem, solution: lm.Solution) -> Fitted:
+        """Lay a solution out as maps."""
+        return Fitted(
+            problem, solution, assemble_maps(problem, solution, self.start_normal.shape[:2], self.ring)
+        )
+
+
 def start_normals(ring: RingScene, init: str) -> np.ndarray:
     """Give the start values of the normals (height, width, 3): frontal, or those of the geometry."""
     if init == "geometry":
@@ -52,7 +110,7 @@ def solve(
     priors: tuple[str, ...],
     estimate_thresholds: bool = False,
     progress: Callable[[str, float], None] = lambda stage, share: None,
-    before: tuple[Maps, lm.Solution] | None = None,
+    before: Fitted | None = None,
     purpose: str = "whole",
 ) -> lm.Solution:
     """Run the solver that the options name.
@@ -67,7 +125,7 @@ def solve(
         Of `priors.PARTS`: what pixels tell of each other.
     estimate_thresholds : bool
         Whether each pixel's contrast thresholds are unknown, too.
-    before : (Maps, Solution), optional
+    before : Fitted, optional
         An earlier fit of these pixels, to start from instead.
     purpose : str
         Of `PURPOSES`: how much of the preset's effort is needed.
@@ -80,7 +138,7 @@ def solve(
         normal = start_normal.reshape(-1, 3)[problem.pixel]
         reflectance = np.full((problem.n_pixel, light.n_band), lm.REFLECTANCE_CENTRE, np.float32)
     else:
-        maps, solution = before
+        maps, solution = before.maps, before.solution
         start_normal = maps.normal
         normal = maps.normal.reshape(-1, 3)[problem.pixel]
         reflectance = maps.reflectance.reshape(-1, light.n_band)[problem.pixel]
@@ -111,7 +169,7 @@ def solve(
         problem.grid,
         effort,
         progress,
-        before[1].threshold_prior if before else None,
+        before.solution.threshold_prior if before else None,
     )
     return replace(solution, n_step=n_step or solution.n_step)
 
@@ -220,92 +278,3 @@ def normal_sigma_deg(p: np.ndarray, q: np.ndarray, covariance: np.ndarray) -> np
     metric = np.stack([[1 + q**2, -p * q], [-p * q, 1 + p**2]]) / h2**2
     variance = np.einsum("ijn,nij->n", metric, covariance)
     return np.degrees(np.sqrt(np.maximum(variance, 0)))
-
-
-def choose_thresholds(asked: str, solver: str, recording: Recording, ring: RingScene) -> tuple[bool, str]:
-    """Decide whether contrast thresholds are estimated, and say why.
-
-    Parameters
-    ----------
-    asked : str
-        `known`, `estimate` or `auto`.
-    """
-    told = recording.sensor.contrast_threshold_on, recording.sensor.contrast_threshold_off
-    per_pixel = any(np.ndim(value) for value in told)
-    if asked == "known":
-        return False, "as told: asked for by --thresholds known"
-    if solver == "adam":
-        return False, "as told: the solver adam does not estimate them"
-    if ring.constant_light == 0:
-        return False, "as told: without constant light they can't be told from the contrast"
-    if asked == "estimate":
-        return True, "estimated per pixel: asked for by --thresholds estimate"
-    if per_pixel:
-        return False, "as told: the recording holds those of each pixel"
-    return True, "estimated per pixel: the recording tells one value for all"
-
-
-def choose_refractory(
-    asked: str, recording: Recording, problem: Problem, thresholds: bool
-) -> tuple[Recording, dict]:
-    """Decide which refractory period counts, and say why.
-
-    Parameters
-    ----------
-    asked : str
-        `known`, `estimate` or `auto`.
-    thresholds : bool
-        Whether contrast thresholds are unknown, too.
-    """
-    told = recording.sensor.refractory_us
-    report = {"told_us": None if "refractory_us" in recording.sensor.guessed else told, "found_us": None}
-    if asked == "known" or (asked == "auto" and report["told_us"] is not None):
-        return recording, report
-    found = find_refractory(recording, problem, thresholds)
-    if found is None:
-        return recording, report
-    sensor = replace(recording.sensor, refractory_us=found[0])
-    return replace(recording, sensor=sensor), report | {"found_us": found[0], "sigma_us": found[1]}
-
-
-def looks_for_lag(options) -> tuple[bool, str]:
-    """Decide whether to ask the events how late they are, and say why not."""
-    if options.lag == "off":
-        return False, "not modelled: asked for by --lag off"
-    if options.solver != "lm" or options.preset == "fast":
-        return False, f"not looked for by the {'preset fast' if options.solver == 'lm' else 'solver adam'}"
-    return True, "not modelled: the events show none"
-
-
-def sensor_summary(recording: Recording, solution: lm.Solution, known: np.ndarray) -> dict:
-    """Say which thresholds were found, how they scatter over the pixels, and how well one is known."""
-    if solution.threshold_gain is None or not known.any():
-        return {}
-    gain, sigma = solution.threshold_gain[known], solution.threshold_gain_sigma[known]
-    out = {}
-    for i, name in enumerate(("contrast_threshold_on", "contrast_threshold_off")):
-        told = float(np.mean(getattr(recording.sensor, name)))
-        spread = 1.4826 * np.median(np.abs(gain[:, i] - np.median(gain[:, i])))
-        out[name] = {
-            "told": told,
-            "found": told * float(np.median(gain[:, i])),
-            "spread_over_pixels": told * float(spread),
-            "sigma_of_a_pixel": told * float(np.median(gain[:, i] * sigma[:, i])),
-        }
-    return out
-
-
-def band_note(recording: Recording, ring: RingScene) -> str:
-    """Say which bands are recovered, and with what quadrature."""
-    lit = lit_bands(recording.schedule.order, ring.leds.band)
-    if lit.all():
-        return f"all {len(lit)}, one reflectance each: LEDs of a band share its spectrum, so no quadrature is needed"
-    dark = ", ".join(f"{nm:.0f} nm" for nm in ring.leds.band_wavelength_nm[~lit])
-    return f"{lit.sum()} of {len(lit)}: order lights no LED of {dark}, whose reflectance has a sigma of 1"
-
-
-def scale_note(ring: RingScene) -> str:
-    """Say whether reflectance is absolute."""
-    if ring.constant_light > 0:
-        return f"absolute, by the constant light of {ring.constant_light:g}"
-    return "unknown: without constant light reflectance is known up to one factor per pixel; its largest band is 1"

@@ -2,22 +2,20 @@
 
 import sys
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
 import tyro
 
-from evsdr import __version__
 from evsdr.console import Stages, check_range, parse_definitions, print_table, run_command
 from evsdr.errors import InputError, InputWarning
 from evsdr.files import check_folder
-from evsdr.mask import read_mask
+from evsdr.fit_input import check_fit, object_mask, parse_priors
 from evsdr.metrics import read_truth, score
 from evsdr.pairs import pair_events
 from evsdr.recording import read_recording
-from evsdr.records import Maps, Recording
+from evsdr.records import Maps
 from evsdr.results import write_results
 
 
@@ -73,13 +71,6 @@ class Options:
 
 
 MOST_RAYS = {"fast": 4, "balanced": 16, "accurate": 64}  # per pixel, for visibility
-WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
-CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
-CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are worth a warning
-PRIORS = ("normal", "integrable", "reflectance", "spectra")
-MAX_BANDS = 40  # of the per-pixel systems
-THRESHOLDS = (1e-3, 10.0)  # of natural log intensity, outside of which no event pixel is
-MISFIT = 0.5  # relative threshold noise above which events and scene contradict each other
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -140,28 +131,29 @@ def recover(options: Options) -> tuple[Maps, dict, dict]:
 
 def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
     check_range("--seed", options.seed, 0)
-    parts = parse_priors(options.priors)
+    priors = parse_priors(options.priors)
     with stages.stage("start"):
         from evsdr import jit
 
         jit.start("cuda_ad_spectral" if options.device == "gpu" else "llvm_ad_spectral")
-        from evsdr import decode, faults, geometry_check, light_choice, transport
-        from evsdr import scene as scenes
+        from evsdr import (
+            decode,
+            faults,
+            fit_report,
+            geometry_check,
+            lag,
+            light_choice,
+            sensor_choice,
+            transport,
+        )
         from evsdr.gloss_search import solve_gloss
-        from evsdr.lag import find_lag, without_lag
-        from evsdr.problem import make_problem
+        from evsdr.problem import Observations
+        from evsdr.scene import load_scene
     with stages.stage("read events"):
         recording = read_recording(options.events)
     with stages.stage("load scene"):
-        ring = scenes.load_scene(options.scene, parse_definitions(options.define))
+        ring = load_scene(options.scene, parse_definitions(options.define))
         check_fit(ring, recording, options)
-        if ring.constant_light == 0:
-            warnings.warn(
-                InputWarning(
-                    f"{options.scene}: constant_light is 0, so the scale of reflectance is unknown and the "
-                    "largest band of each pixel is set to 1; measure the constant light and write it there."
-                )
-            )
         truth = None
         if options.truth:
             truth = read_truth(options.truth, ring.height, ring.width, ring.leds.n_band)
@@ -170,16 +162,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
             options.shadows, options.leds, options.light_paths, MOST_RAYS[options.preset], options.seed + 1
         )
         traced = light_choice.first_light(ring, asked)
-        light = traced.illumination
-        mask = traced.coverage >= 0.5
-        if not mask.any():
-            raise InputError(f"{options.scene}: the camera does not see the shape object; move one of them.")
-        if options.mask:
-            mask &= read_mask(options.mask, mask.shape)
-            if not mask.any():
-                raise InputError(
-                    f"{options.mask}: the mask has no pixel of the object; draw it over the object."
-                )
+        light, mask = traced.illumination, object_mask(options, traced.coverage)
         geometry_check.check_light(ring, traced, mask, options.scene)
         geometry_check.check_pieces(ring, asked, mask, options.scene)
         start_normal = decode.start_normals(ring, options.init)
@@ -188,207 +171,64 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
             pairs = pair_events(recording, mask)
         except InputError as error:
             raise InputError(f"{options.events}: {error}") from error
-        problem = make_problem(recording, pairs, light, mask)
-    estimate, thresholds = decode.choose_thresholds(options.thresholds, options.solver, recording, ring)
     with stages.stage("check recording"):
-        hot = faults.impossible_rate(recording, light)
-        recording, refractory = decode.choose_refractory(options.refractory, recording, problem, estimate)
-        if refractory["found_us"] is not None:
-            pairs = pair_events(recording, mask)
-        problem = make_problem(recording, pairs, light, mask, hot)
-    late, lag = decode.looks_for_lag(options)
+        seen = Observations(recording, mask, pairs, faults.impossible_rate(recording, light))
+        unknown, thresholds = sensor_choice.choose_thresholds(
+            options.thresholds, options.solver, recording, ring
+        )
+        seen, refractory = sensor_choice.choose_refractory(options.refractory, seen, light, unknown)
+    decoder = decode.Decoder(ring, options, priors, start_normal, unknown)
+    late, lag_note = sensor_choice.looks_for_lag(options)
     purpose = "alone" if late else "whole"
     with stages.stage("solve") as advance:
-        solution = decode.solve(problem, start_normal, options, parts, estimate, advance, None, purpose)
-        fault = (
-            faults.find_fault(problem.pairs, problem.illumination, solution)
-            if options.solver == "lm"
-            else None
-        )
+        fitted = decoder(seen.under(light), None, purpose, advance)
+        fault = None
+        if options.solver == "lm":
+            fault = faults.find_fault(fitted.problem.pairs, fitted.problem.illumination, fitted.solution)
         if fault:
-            warnings.warn(
-                InputWarning(
-                    f"{options.events}: {fault}, say the events, and the fit took that for true; "
-                    "check the ring and schedule/order."
-                )
-            )
-            order = fault.mend(recording.schedule.order)
-            recording = replace(recording, schedule=replace(recording.schedule, order=order))
-            problem = make_problem(recording, pairs, light, mask, hot)
-            solution = decode.solve(problem, start_normal, options, parts, estimate, advance, None, purpose)
-        maps = decode.assemble_maps(problem, solution, mask.shape, ring)
+            fit_report.warn_of_fault(options.events, fault)
+            seen = seen.in_order(fault.mend(seen.recording.schedule.order))
+            fitted = decoder(seen.under(light), None, purpose, advance)
     if late:
         with stages.stage("lag, neighbours") as advance:
-            before, purpose = (maps, solution), "learn"
-            found = find_lag(recording, problem, solution, estimate)
+            known = seen.recording, fitted.problem, fitted.solution
+            purpose, found = "learn", lag.find_lag(*known, unknown)
             if found:
-                lag = "events are {:.3g} +- {:.2g} us / I late, as they say, and were moved back".format(
-                    *found
-                )
-                recording = without_lag(recording, problem, solution, found[0])
-                pairs = pair_events(recording, mask)
-                problem, purpose = make_problem(recording, pairs, light, mask, hot), "again"
-            solution = decode.solve(problem, start_normal, options, parts, estimate, advance, before, purpose)
-            maps = decode.assemble_maps(problem, solution, mask.shape, ring)
+                purpose, lag_note = "again", fit_report.lag_note(*found)
+                seen = seen.corrected(lag.without_lag(*known, found[0]))
+            fitted = decoder(seen.under(light), fitted, purpose, advance)
     with stages.stage("settle light") as advance:
 
         def refit(light, fitted, quick):
-            problem = make_problem(recording, pairs, light, mask, hot)
-            before, purpose = (fitted.maps, fitted.solution), "quick" if quick else "light"
-            solution = decode.solve(problem, start_normal, options, parts, estimate, advance, before, purpose)
-            return transport.Fitted(
-                problem, solution, decode.assemble_maps(problem, solution, mask.shape, ring)
-            )
+            return decoder(seen.under(light), fitted, "quick" if quick else "light", advance)
 
-        traced, fitted = transport.settle(
-            ring, traced, asked, transport.Fitted(problem, solution, maps), refit, advance
-        )
-        problem, solution, maps = fitted.problem, fitted.solution, fitted.maps
+        traced, fitted = transport.settle(ring, traced, asked, fitted, refit, advance)
     gloss = "angular gate, as published" if options.solver == "adam" else "not looked for by the preset fast"
     if options.solver == "lm" and (options.preset, options.gloss) != ("fast", "auto"):
         with stages.stage("gloss") as advance:
-            view = decode.view_directions(ring, problem.pixel)
-            effort = decode.choose_effort(options, parts)
-            solution, gloss = solve_gloss(options.gloss, problem, solution, effort, view, advance)
-            maps = decode.assemble_maps(problem, solution, mask.shape, ring)
-            fitted = transport.Fitted(problem, solution, maps)
-    geometry_check.check_normals(ring, traced, asked, maps, options.scene)
-    if solution.noise <= MISFIT:
-        warn_of_hot_pixels(options.events, pairs, problem, solution, hot)
-    if not maps.mask.any():
-        warnings.warn(
-            InputWarning(
-                f"{options.events}: no pixel is known; record more rounds, or with less constant light."
+            view = decode.view_directions(ring, fitted.problem.pixel)
+            effort = decode.choose_effort(options, priors)
+            solution, gloss = solve_gloss(
+                options.gloss, fitted.problem, fitted.solution, effort, view, advance
             )
-        )
-    if solution.noise > MISFIT:
-        warnings.warn(
-            InputWarning(
-                f"{options.events}: the events contradict {options.scene}, their thresholds scatter by "
-                f"{solution.noise:.0%}; check order, slot_us, triggers, thresholds and constant_light."
-            )
-        )
-    sensor = decode.sensor_summary(recording, solution, maps.mask.ravel()[problem.pixel])
-    for name, values in sensor.items():
-        if solution.noise < MISFIT and abs(np.log(values["found"] / values["told"])) > WRONG_THRESHOLD:
-            warnings.warn(
-                InputWarning(
-                    f"{options.events}: {name} is told as {values['told']:.3g} but the events say "
-                    f"{values['found']:.3g}; the latter was used: "
-                    "check the camera's biases, or the surface is not matt."
-                )
-            )
-    summary = {
-        "evsdr": __version__,
-        "scene": str(options.scene),
-        "events": str(options.events),
-        "solver": options.solver,
-        "preset": options.preset,
-        "model": {
-            **traced.notes,
-            "bands": decode.band_note(recording, ring),
-            "gloss": gloss,
-            "silence": "used: between events log I stays within the thresholds"
-            if options.solver == "lm"
-            else "not used: the solver adam looks at events only",
-            "event times": "their density counts, with its slope term"
-            if options.solver == "lm"
-            else "not used",
-            "neighbours": prior_note(parts, solution) if options.solver == "lm" else "blurred, as published",
-            "contrast thresholds": thresholds,
-            "photoreceptor lag": lag,
-            "scale": decode.scale_note(ring),
-        },
-        "numbers": {
-            "events": pairs.n_event,
-            "pairs": int(pairs.offset[-1]),
-            "pairs_dropped": pairs.n_dropped,
-            "pixels_solved": problem.n_pixel,
-            "pixels_known": int(np.count_nonzero(maps.mask)),
-            "steps": solution.n_step,
-        },
-        "sensor": sensor | {"refractory_us": refractory},
-        "residual": {"relative_threshold_noise": solution.noise},
-    }
-    if truth is not None:
-        summary["error"] = score(maps, truth)
-        summary |= summary["error"]
+            fitted = decoder.fitted(fitted.problem, solution)
     with stages.stage("surface"):
-        surface = transport.surface_of(ring, fitted) if maps.mask.any() else {}
-    return maps, summary, surface
-
-
-def warn_of_hot_pixels(path: Path, pairs, problem, solution, hot: np.ndarray) -> None:
-    """Say how many pixels fire events that the light does not explain."""
-    contrary = hot.ravel()[problem.pixel] | (solution.noise_factor > CONTRARY)
-    if np.count_nonzero(contrary) < max(CONTRARY_COUNT, CONTRARY_SHARE * len(contrary)):
-        return
-    count = np.diff(pairs.offset.astype(np.int64))[problem.pixel]
-    often = np.median(count[contrary]) > 2 * np.median(count[~contrary]) if not contrary.all() else False
-    cause = (
-        "they fire more often than the others, so they are probably hot: mask them in the camera"
-        if often
-        else "gloss, a shadow that is not modelled, or other light may be the cause"
-    )
-    warnings.warn(
-        InputWarning(
-            f"{path}: {contrary.mean():.0%} of the pixels fire events that the light of the ring does not explain; "
-            f"{cause}. Their values come from their neighbours."
-        )
-    )
-
-
-def parse_priors(text: str) -> tuple[str, ...]:
-    """Read the names of priors."""
-    names = tuple(name.strip() for name in text.split(",")) if text != "none" else ()
-    for name in names:
-        if name not in PRIORS:
-            raise InputError(
-                f"--priors {text}: there is no {name!r}; name some of {', '.join(PRIORS)}, or none."
-            )
-    return names
-
-
-def prior_note(parts: tuple[str, ...], solution) -> str:
-    """Say which priors count, and how strong the data make them."""
-    if not parts:
-        return "each pixel alone: asked for by --priors none"
-    what = {
-        "normal": "normals bend by {:.2g} per pixel squared",
-        "integrable": "slopes around four pixels add up to {:.2g}",
-        "reflectance": "log reflectances bend by {:.2g}",
-        "rank": "spectra vary visibly in {} directions",
+        surface = transport.surface_of(ring, fitted) if fitted.maps.mask.any() else {}
+    geometry_check.check_normals(ring, traced, asked, fitted.maps, options.scene)
+    fit_report.warn_of_what_was_found(options, ring, seen, fitted)
+    notes = traced.notes | {
+        "bands": fit_report.band_note(seen.recording, ring),
+        "gloss": gloss,
+        **fit_report.solver_notes(options.solver, priors, fitted.solution),
+        "contrast thresholds": thresholds,
+        "photoreceptor lag": lag_note,
+        "scale": fit_report.scale_note(ring),
     }
-    found = [what[name].format(value) for name, value in solution.prior_scale.items()]
-    return "; ".join(found) or "too few pixels to learn from"
-
-
-def check_fit(ring, recording: Recording, options: Options) -> None:
-    """Check that scene and recording belong together."""
-    size = (recording.sensor.width, recording.sensor.height)
-    if size != (ring.width, ring.height):
-        raise InputError(
-            f"{options.scene}: the film is {ring.width} x {ring.height} pixels but the events of {options.events} "
-            f"are {size[0]} x {size[1]}; make the film as large as the sensor region."
-        )
-    for name in ("contrast_threshold_on", "contrast_threshold_off"):
-        threshold = np.asarray(getattr(recording.sensor, name))
-        if threshold.min() < THRESHOLDS[0] or threshold.max() > THRESHOLDS[1]:
-            raise InputError(
-                f"{options.events}: {name} goes from {threshold.min():g} to {threshold.max():g}; "
-                "write changes of natural log intensity, as 0.25."
-            )
-    unknown = int(np.max(recording.schedule.order))
-    if unknown >= ring.leds.n_led:
-        raise InputError(
-            f"{options.events}: schedule/order lights LED {unknown}, but {options.scene} has only "
-            f"{ring.leds.n_led} LEDs, numbered from 0; mend order or add the emitter."
-        )
-    if options.solver == "lm" and ring.leds.n_band > MAX_BANDS:
-        raise InputError(
-            f"{options.scene}: {ring.leds.n_band} bands are too many for the solver lm, which takes {MAX_BANDS}; "
-            "use --solver adam."
-        )
+    summary = fit_report.summarise(options, notes, seen, fitted, refractory)
+    if truth is not None:
+        summary["error"] = score(fitted.maps, truth)
+        summary |= summary["error"]
+    return fitted.maps, summary, surface
 
 
 if __name__ == "__main__":

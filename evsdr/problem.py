@@ -8,7 +8,7 @@ import numpy as np
 
 from evsdr.event_terms import PairData, pack_phases, pack_slots
 from evsdr.grid import Grid, make_grid
-from evsdr.pairs import Pairs
+from evsdr.pairs import Pairs, pair_events
 from evsdr.records import Recording
 from evsdr.shading import Illumination
 
@@ -42,6 +42,41 @@ class Problem:
     @property
     def n_pixel(self) -> int:
         return len(self.pixel)
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What a recording tells of the object's pixels, under whatever light.
+
+    Attributes
+    ----------
+    recording : Recording
+        For its events, sensor and schedule.
+    mask : (height, width) bool
+        Pixels to solve.
+    pairs : Pairs
+        Event pairs of all pixels.
+    hot : (height, width) bool, optional
+        Pixels whose events and silences count for nothing.
+    """
+
+    recording: Recording
+    mask: np.ndarray
+    pairs: Pairs
+    hot: np.ndarray | None = None
+
+    def under(self, light: Illumination) -> Problem:
+        """Give the problem of these observations under a light."""
+        return make_problem(self.recording, self.pairs, light, self.mask, self.hot)
+
+    def corrected(self, recording: Recording) -> "Observations":
+        """Pair the events of a recording that was put right."""
+        return replace(self, recording=recording, pairs=pair_events(recording, self.mask))
+
+    def in_order(self, order: np.ndarray) -> "Observations":
+        """Take the LEDs to have shone in this order; which events are pairs does not depend on it."""
+        schedule = replace(self.recording.schedule, order=order)
+        return replace(self, recording=replace(self.recording, schedule=schedule))
 
 
 def make_problem(

@@ -5,13 +5,14 @@ then fit and geometry improve each other until the light no longer changes.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import drjit as dr
 import numpy as np
 
 from evsdr import trial
+from evsdr.decode import Fitted
 from evsdr.depth import Depth
 from evsdr.light_choice import (
     LIMIT_DEG,
@@ -28,9 +29,6 @@ from evsdr.light_choice import (
     shadow_note,
     signals_of,
 )
-from evsdr.lm import Solution
-from evsdr.problem import Problem
-from evsdr.records import Maps
 from evsdr.scene import (
     RingScene,
     camera_geometry,
@@ -49,15 +47,6 @@ SETTLED = 0.1  # of the first round's change, below which light has settled
 N_TRIED = 300  # pixels whose events say whether shadows are there
 SKIP = 0.05  # pixels: hits nearer than that are the surface itself
 SURE = 0.5  # pixels: the same for the decision, as nearer hits may come of the estimate's noise
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """One fit: the problem, its solution, and the maps it gives."""
-
-    problem: Problem
-    solution: Solution
-    maps: Maps
 
 
 class Geometry:

@@ -1,6 +1,7 @@
 """Start Mitsuba once for all tests, with few threads; fixtures that many tests share."""
 
 import os
+import shutil
 from pathlib import Path
 
 N_THREAD = min(4, os.cpu_count() or 1)
@@ -10,7 +11,12 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 import numpy as np
 import pytest
 
-from evsdr import jit
+pytest.register_assert_rewrite("command_line")
+
+from command_line import Commands
+from small_scene import scene
+
+from evsdr import jit, simulate
 from evsdr.errors import InputError
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -40,3 +46,27 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no folder {folder}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory):
+    """Give a folder with scene.xml, and events.h5 and truth.npz simulated from it."""
+    folder = tmp_path_factory.mktemp("recorded")
+    (folder / "scene.xml").write_text(scene())
+    assert simulate.main([str(folder / "scene.xml"), "--out", str(folder), "--ideal", "--rounds", "4"]) == 0
+    return folder
+
+
+@pytest.fixture
+def place(recorded, tmp_path):
+    """Give a copy of that folder, to spoil, with the results of an earlier run in `out`."""
+    for name in ("scene.xml", "events.h5", "truth.npz"):
+        shutil.copy(recorded / name, tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "maps.npz").write_text("an earlier run")
+    return tmp_path
+
+
+@pytest.fixture
+def commands(place, capsys):
+    return Commands(place, capsys)

@@ -117,8 +117,9 @@ def test_the_published_decoder_runs_to_its_end(folder):
 
 def test_true_reflectance_is_the_integral_of_the_measured_spectra():
     """24 patches against brute force over a fine grid, closer than the renderer's four nodes come."""
-    from evsdr import scene, spectral
     from evsdr.scenes.make_colorchecker import WAVELENGTH_NM, patch_spectra
+
+    from evsdr import scene, spectral
 
     ring = scene.load_scene("scenes/colorchecker.xml", {"size": "96"})
     reflectance = scene.surface_maps(ring, 1).reflectance

@@ -20,7 +20,7 @@ from evsdr.calibrate_ball import (
     solve_near,
 )
 from evsdr.calibrate_camera import View, pixel_centers, view_of
-from evsdr.calibrate_mirror import led_contrast, find_highlights, reflect
+from evsdr.calibrate_mirror import find_highlights, led_contrast, reflect
 from evsdr.calibrate_pairs import collect_pairs, thin
 from evsdr.calibrate_xml import find_leds, flatten
 from evsdr.depth import CameraGeometry

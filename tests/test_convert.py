@@ -5,8 +5,8 @@ import json
 import h5py
 import numpy as np
 import pytest
-
 from camera_files import encode_raw, make_recording, write_metavision
+
 from evsdr.camera_recording import Edges
 from evsdr.convert import main
 from evsdr.errors import InputError, InputWarning

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from evsdr.event_terms import (
+    SILENT_MARGIN,
+    SMALLEST_SLOPE,
     PairData,
     derivative_table,
+    gaussian_share,
     normal_equations,
     pack_phases,
     pack_slots,
     relative_residual,
-    SILENT_MARGIN,
-    SMALLEST_SLOPE,
-    gaussian_share,
     signal_table,
     silence_equations,
     unpack_pair,

@@ -3,13 +3,13 @@
 import h5py
 import numpy as np
 import pytest
-
 from camera_files import encode_ecf, make_recording, random_recording, write_metavision
+from test_raw import assert_same
+
 from evsdr import ecf
 from evsdr.errors import InputError, InputWarning
 from evsdr.metavision_hdf5 import read_hdf5
 from evsdr.recording import EVENT_DTYPE
-from test_raw import assert_same
 
 
 @pytest.fixture

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from camera_files import TYPES, encode_raw, random_recording
+
 from evsdr.camera_recording import crop
 from evsdr.errors import InputError, InputWarning
 from evsdr.raw import read_raw

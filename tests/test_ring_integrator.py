@@ -1,91 +1,31 @@
-"""The ring integrator against stock Mitsuba, closed forms, brute force and finite differences."""
+"""The ring integrator against stock Mitsuba, closed forms and brute force."""
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from evsdr.experiments.gradients import compare
 from evsdr.integrators.leds import emitter_id
-from evsdr.integrators.ring import RingIntegrator, camera_frame
-
-POWER = 470.0  # INT dlambda of a flat spectrum of 1, over Mitsuba's 360 to 830 nm
-WIDTH, HEIGHT = 16, 12
-
-
-# ---------------------------------------------------------------------- scenes
-
-
-def spectrum(value) -> dict:
-    """A number, or pairs (wavelength, value)."""
-    return {"type": "spectrum", "value": value}
-
-
-def peak(centre_nm, power=1.0, sigma_nm=10.0):
-    nm = np.arange(centre_nm - 5 * sigma_nm, centre_nm + 5.1 * sigma_nm, sigma_nm / 2)
-    density = np.exp(-0.5 * ((nm - centre_nm) / sigma_nm) ** 2)
-    return list(zip(nm.tolist(), (power * density / np.trapezoid(density, nm)).tolist()))
-
-
-def diffuse(reflectance=1.0):
-    return {"type": "diffuse", "reflectance": spectrum(reflectance)}
-
-
-def far(to_light, irradiance=1.0):
-    direction = (-np.array(to_light, float)).tolist()
-    return {"type": "directional", "direction": direction, "irradiance": spectrum(irradiance)}
-
-
-def near(position, intensity=1.0):
-    return {"type": "point", "position": list(position), "intensity": spectrum(intensity)}
-
-
-def soft(position, half_width, radiance=1.0, target=(0, 0, 0)):
-    """A square light that faces the target."""
-    transform = mi.ScalarTransform4f
-    to_world = transform().look_at(list(position), list(target), [0.1, 1, 0.2])
-    light = {"type": "area", "radiance": spectrum(radiance)}
-    return {"type": "rectangle", "to_world": to_world @ transform().scale(half_width), "emitter": light}
-
-
-def plane(reflectance=1.0, angle=0.0, axis=(0, 1, 0), at=(0, 0, 0), half_width=(20, 20, 1), bsdf=None):
-    transform = mi.ScalarTransform4f
-    turn = transform().rotate((np.array(axis) / np.linalg.norm(axis)).tolist(), angle)
-    to_world = transform().translate(list(at)) @ turn @ transform().scale(list(half_width))
-    return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf or diffuse(reflectance)}
-
-
-def camera(origin=(0, 0, 10), up=(0, 1, 0), half_width=1.0, response=None, perspective=False, **film):
-    """A camera that looks at the world's origin; with a response its film holds INT D L dlambda."""
-    transform = mi.ScalarTransform4f
-    to_world = transform().look_at(list(origin), [0, 0, 0], list(up))
-    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "rfilter": {"type": "box"}} | film
-    if response is not None:
-        film |= {"type": "specfilm", "band": spectrum(response)}
-    if perspective:
-        return {"type": "perspective", "fov": 12, "to_world": to_world, "film": film}
-    to_world = to_world @ transform().scale([half_width, half_width, 1])
-    return {"type": "orthographic", "to_world": to_world, "film": film}
-
-
-def load(objects, view=None):
-    return mi.load_dict({"type": "scene", "camera": view or camera()} | objects, optimize=False)
-
-
-def ring(**parameters):
-    parameters = {k: spectrum(v) if k == "response" else v for k, v in parameters.items()}
-    return mi.load_dict({"type": "ring"} | parameters)
-
-
-def render(scene, spp=1, seed=0, **parameters):
-    return np.array(ring(**parameters).render(scene, spp=spp, seed=seed), dtype=float)
-
-
-def pixel_centres(half_width=1.0):
-    """x and y (H, W) in the camera frame."""
-    x = ((np.arange(WIDTH) + 0.5) / WIDTH * 2 - 1) * half_width
-    y = -((np.arange(HEIGHT) + 0.5) / HEIGHT * 2 - 1) * half_width * HEIGHT / WIDTH
-    return np.meshgrid(x, y)
-
+from evsdr.integrators.ring import RingIntegrator
+from ring_scenes import (
+    HEIGHT,
+    LIT_SHARE,
+    POWER,
+    ROOF,
+    SHADOW_EDGE_COLUMN,
+    WIDTH,
+    brute_force,
+    camera,
+    diffuse,
+    far,
+    load,
+    near,
+    peak,
+    pixel_centres,
+    plane,
+    render,
+    ring,
+    soft,
+)
 
 # ---------------------------------------------------------------------- stock Mitsuba
 
@@ -306,126 +246,7 @@ def test_power_of_near_and_soft_leds():
     assert [found.is_far(0), found.is_far(1)] == [False, False]
 
 
-# ---------------------------------------------------------------------- inverse: image-space textures
-
-BALL = {
-    "object": {"type": "sphere", "bsdf": diffuse([(400, 0.1), (700, 0.7)])},
-    "led_0": far((1, 0.2, 1), peak(460, 2.0)),
-    "led_1": near((-1, 1, 2.5), peak(600, 5.0)),
-    "led_2": far((0, -1, 0.8), peak(600, 1.0)),
-}
-POLE = {"pole": {"type": "cylinder", "p0": [0.8, 0.3, 0.5], "p1": [0.4, 0.2, 1.6], "radius": 0.15}}
-
-
-def set_textures(integrator, **value):
-    params = mi.traverse(integrator)
-    for name, array in value.items():
-        params[name] = mi.TensorXf(np.ascontiguousarray(array, np.float32))
-    params.update()
-
-
-def ball_normals():
-    """A ball looks the same from everywhere: normals (H, W, 3) in the camera frame and where it is."""
-    x, y = pixel_centres()
-    z2 = 1 - x**2 - y**2
-    return np.stack([x, y, np.sqrt(np.maximum(z2, 0))], axis=-1), z2 > 0
-
-
-def test_textures_are_traversed():
-    assert set(mi.traverse(ring()).keys()) == {"constant_light", "normal", "reflectance"}
-
-
-@pytest.mark.parametrize("shadow", [False, True], ids=["lit", "shadow"])
-@pytest.mark.parametrize("turned", [False, True], ids=["frontal", "turned"])
-def test_true_textures_render_the_scene(shadow, turned):
-    view = camera((4, 2, 8), (0.2, 1, 0.1)) if turned else camera()
-    scene = load(BALL | (POLE if shadow else {}), view)
-    integrator = ring(constant_light=0.05)
-    forward = np.array(integrator.render(scene, spp=1))
-    normal, on_ball = ball_normals()
-    seen = np.array(integrator.illumination(scene, scene.sensors()[0], 1)[1]).reshape(on_ball.shape) == 1
-    assert (on_ball & ~seen).any() == shadow
-    reflectance = np.broadcast_to(np.interp([460, 600], [400, 700], [0.1, 0.7]), (HEIGHT, WIDTH, 2))
-    set_textures(integrator, normal=3.0 * normal, reflectance=reflectance)
-    textured = np.array(integrator.render(scene, spp=1))
-    np.testing.assert_allclose(textured[seen], forward[seen], rtol=1e-4, atol=1e-5)
-    np.testing.assert_array_equal(textured[~seen], np.float32(0.05))
-    unlit = (forward == np.float32(0.05))[seen]
-    assert unlit.any() and not unlit.all()
-
-
-def test_another_scene_is_traced_anew():
-    integrator = ring()
-    normal, _ = ball_normals()
-    set_textures(integrator, normal=normal + [0, 0, 0.1], reflectance=np.ones((HEIGHT, WIDTH, 2)))
-    lit, shaded = load(BALL), load(BALL | POLE)
-    one, other, again = (np.array(integrator.render(scene, spp=1)) for scene in (lit, shaded, lit))
-    assert np.sum(one) > 1.01 * np.sum(other)
-    np.testing.assert_array_equal(one, again)
-    assert (np.array(integrator.render(lit, spp=4)) != one).any()
-    dim = load(BALL | {"led_2": far((0, -1, 0.8), peak(600, 0.5))})
-    np.testing.assert_allclose(np.array(integrator.render(dim, spp=1))[..., 2], 0.5 * one[..., 2], rtol=1e-5)
-
-
-def test_normals_that_face_away_give_no_signal():
-    scene = load({"object": plane(), "led_0": far((1, 0, 1)), "led_1": near((5, 0, 3))})
-    integrator = ring(constant_light=0.05)
-    normal = np.broadcast_to([-1, 0, 0.5], (HEIGHT, WIDTH, 3))
-    set_textures(integrator, normal=normal, reflectance=np.ones((HEIGHT, WIDTH, 1)))
-    np.testing.assert_array_equal(np.array(integrator.render(scene, spp=1)), np.float32(0.05))
-
-
-def test_normal_of_length_zero_gives_no_signal():
-    scene = load(BALL)
-    integrator = ring(constant_light=0.05)
-    none = np.zeros((HEIGHT, WIDTH, 3))
-    set_textures(integrator, normal=none, reflectance=np.ones((HEIGHT, WIDTH, 2)))
-    np.testing.assert_array_equal(np.array(integrator.render(scene, spp=1)), np.float32(0.05))
-
-
-@pytest.mark.parametrize("shape", [(HEIGHT, WIDTH, 3), (HEIGHT, WIDTH - 1, 2)])
-def test_textures_of_the_wrong_shape(shape):
-    integrator = ring()
-    set_textures(integrator, normal=np.ones((HEIGHT, WIDTH, 3)), reflectance=np.ones(shape))
-    with pytest.raises(ValueError, match=r"reflectance \(H, W, 2\), got \(12, 16, 3\) and"):
-        integrator.render(load(BALL), spp=1)
-
-
-def test_gradients_equal_finite_differences():
-    checks = compare(size=24)
-    assert {(c.parameter, c.route) for c in checks} == {
-        (parameter, route)
-        for parameter in ("normal", "reflectance", "constant_light")
-        for route in ("dr.backward", "render_backward")
-    }
-    for check in checks:
-        bound = 2e-3 if check.parameter == "normal" else 1e-3
-        assert np.count_nonzero(check.finite) > 0.2 * len(check.finite)
-        assert check.relative_error <= bound, check.parameter
-        assert check.largest_error <= bound, check.parameter
-
-
-def test_rendering_keeps_no_scene_alive():
-    freed = []
-
-    class Watched(RingIntegrator):
-        def __del__(self):
-            freed.append(1)
-
-    mi.register_integrator("watched_ring", lambda props: Watched(props))
-    scene = load(BALL | {"integrator": {"type": "watched_ring"}})
-    ones = np.ones((HEIGHT, WIDTH, 3))
-    set_textures(scene.integrator(), normal=ones, reflectance=ones[..., :2])
-    scene.integrator().render(scene, spp=1)
-    del scene
-    assert freed == [1]
-
-
 # ---------------------------------------------------------------------- pixel area
-
-# A roof at height 1 hides x < 0.3 from the camera; light from the left draws its shadow's edge at x = 1.3.
-ROOF = {"object": plane(), "roof": plane(at=(-9.7, 0, 1), half_width=(10, 20, 1))}
-SHADOW_EDGE_COLUMN, LIT_SHARE = 13, 0.8  # pixel from x = 1.25 to 1.5 where the view is 4 wide
 
 
 def test_pixel_on_a_shadow_edge_is_lit_by_its_share():
@@ -436,24 +257,6 @@ def test_pixel_on_a_shadow_edge_is_lit_by_its_share():
     assert np.mean(edge) == pytest.approx(LIT_SHARE, abs=0.02)
     np.testing.assert_allclose(share[:, SHADOW_EDGE_COLUMN + 1 :], 1, rtol=1e-5)
     np.testing.assert_array_equal(share[:, 10:SHADOW_EDGE_COLUMN], 0)
-
-
-def square_points(position, half_width, n=60):
-    """Points (n * n, 3) on the square light that faces the origin, and its normal."""
-    matrix = np.array(soft(position, half_width)["to_world"].matrix, dtype=float)
-    u = (np.arange(n) + 0.5) / n * 2 - 1
-    grid = np.stack([*np.meshgrid(u, u), np.zeros((n, n)), np.ones((n, n))], axis=-1).reshape(-1, 4)
-    return (grid @ matrix.T)[:, :3], -np.array(position) / np.linalg.norm(position)
-
-
-def brute_force(surface_point, position, half_width):
-    """Points of a square light of radiance 1: where (n, 3), in what direction (n, 3), dA cos / d^2 (n)."""
-    point, light_normal = square_points(position, half_width)
-    to_light = point - surface_point
-    distance = np.linalg.norm(to_light, axis=1, keepdims=True)
-    direction = to_light / distance
-    area = (2 * half_width) ** 2
-    return point, direction, -(direction @ light_normal) * area / len(point) / distance[:, 0] ** 2
 
 
 def test_soft_shadow_against_brute_force():
@@ -491,89 +294,6 @@ def test_crop_window_is_a_part_of_the_image():
     part = render(load(objects, camera(**crop)))
     np.testing.assert_allclose(part, whole[2:7, 3:10], rtol=1e-3, atol=1e-3)
     assert np.ptp(part[..., 0]) > 0.1 * POWER
-
-
-# ---------------------------------------------------------------------- illumination
-
-
-def illumination(objects, view=None, spp=1, shadows=True):
-    """Directions (n_led, H, W, 3), irradiances (n_led, H, W) and coverage (H, W)."""
-    scene = load(objects, view)
-    light, coverage = ring().illumination(scene, scene.sensors()[0], spp, 0, shadows)
-    n_pixel = HEIGHT * WIDTH
-    direction = np.array([np.broadcast_to(np.array(d, float).T, (n_pixel, 3)) for d in light.direction])
-    irradiance = np.array([np.broadcast_to(np.array(e, float), n_pixel) for e in light.irradiance])
-    coverage = np.array(coverage, float).reshape(HEIGHT, WIDTH)
-    return direction.reshape(-1, HEIGHT, WIDTH, 3), irradiance.reshape(-1, HEIGHT, WIDTH), coverage
-
-
-def test_far_irradiance_is_power_times_visibility():
-    leds = {"led_0": far((-1, 0, 1), 3.0), "led_1": far((1, 2, 1), 0.5)}
-    direction, irradiance, coverage = illumination(ROOF | leds, camera(half_width=2.0), spp=64)
-    assert np.mean(irradiance[0, :, SHADOW_EDGE_COLUMN]) == pytest.approx(3 * POWER * LIT_SHARE, rel=0.02)
-    assert (irradiance[0, :, 10:SHADOW_EDGE_COLUMN] == 0).all()
-    np.testing.assert_allclose(irradiance[0, :, SHADOW_EDGE_COLUMN + 1 :], 3 * POWER, rtol=1e-5)
-    np.testing.assert_allclose(irradiance[1][coverage > 0], 0.5 * POWER, rtol=1e-5)
-    np.testing.assert_allclose(direction[0] - [-1 / np.sqrt(2), 0, 1 / np.sqrt(2)], 0, atol=1e-6)
-    # The roof's edge at x = 0.3 lies in the pixel from 0.25 to 0.5.
-    assert (coverage[:, :9] == 0).all()
-    assert np.mean(coverage[:, 9]) == pytest.approx(0.8, abs=0.02)
-    assert (coverage[:, 10:] == 1).all()
-    assert (irradiance[:, :, :9] == 0).all()
-
-
-def test_shadows_can_be_left_out():
-    leds = {"led_0": far((-1, 0, 1), 3.0), "led_1": near((-3, 0, 6))}
-    objects, view = ROOF | leds, camera(half_width=2.0)
-    with_shadow = illumination(objects, view, spp=16)[1]
-    without = illumination(objects, view, spp=16, shadows=False)[1]
-    np.testing.assert_allclose(without[0], 3 * POWER, rtol=1e-5)
-    assert (without[:, :, 10:] > 0).all()
-    assert (with_shadow[1, :, 10] == 0).all()
-    np.testing.assert_allclose(with_shadow[1, :, 15], without[1, :, 15], rtol=1e-5)
-
-
-def test_near_direction_and_irradiance():
-    position = np.array([0.3, -0.2, 1.5])
-    x, y = pixel_centres()
-    to_light = position - np.stack([x, y, np.zeros_like(x)], axis=-1)
-    distance = np.linalg.norm(to_light, axis=-1)
-    objects = {"object": plane(), "led_0": near(position), "led_1": near((0, 0, 1))}
-    direction, irradiance, _ = illumination(objects)
-    np.testing.assert_allclose(direction[0], to_light / distance[..., None], atol=1e-5)
-    np.testing.assert_allclose(irradiance[0], POWER / distance**2, rtol=1e-5)
-
-
-def test_soft_direction_and_irradiance_against_brute_force():
-    position, half_width = (-2.0, 0.4, 2.0), 0.4
-    objects = {"object": plane(), "led_0": soft(position, half_width), "led_1": far((0, 0, 1))}
-    direction, irradiance, _ = illumination(objects)
-    x, y = pixel_centres()
-    for row, column in [(0, 0), (6, 8), (11, 15)]:
-        _, to_light, given = brute_force(np.array([x[row, column], y[row, column], 0]), position, half_width)
-        mean = given @ to_light
-        expected = mean / np.linalg.norm(mean)
-        np.testing.assert_allclose(direction[0, row, column], expected, atol=1e-3)
-        assert irradiance[0, row, column] == pytest.approx(POWER * np.linalg.norm(mean), rel=2e-3)
-
-
-def test_directions_turn_with_the_camera():
-    origin, up, position = np.array([4.0, 2.0, 8.0]), np.array([0.2, 1.0, 0.1]), np.array([1.0, -2.0, 3.0])
-    toward_camera = origin / np.linalg.norm(origin)
-    right = np.cross(up, toward_camera)
-    right /= np.linalg.norm(right)
-    frame = np.array([right, np.cross(toward_camera, right), toward_camera])
-    view = camera(origin, up)
-    objects = {"object": {"type": "sphere"}, "led_0": far(position), "led_1": near(position)}
-    np.testing.assert_allclose(camera_frame(load(objects, view).sensors()[0]), frame, atol=1e-6)
-
-    direction, _, coverage = illumination(objects, view, shadows=False)
-    np.testing.assert_allclose(direction[0, 0, 0], frame @ position / np.linalg.norm(position), atol=1e-6)
-    normal, on_ball = ball_normals()
-    to_light = frame @ position - normal
-    to_light /= np.linalg.norm(to_light, axis=-1, keepdims=True)
-    np.testing.assert_array_equal(coverage == 1, on_ball)
-    np.testing.assert_allclose(direction[1][on_ball], to_light[on_ball], atol=1e-4)
 
 
 # ---------------------------------------------------------------------- loading

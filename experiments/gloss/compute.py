@@ -20,7 +20,7 @@ from evsdr.gloss import (
     pair_weights,
     robust_width,
 )
-from evsdr.gloss_fit import Evidence, Gloss, sort_materials, fit_gloss, gloss_evidence
+from evsdr.gloss_fit import Evidence, Gloss, fit_gloss, gloss_evidence, sort_materials
 from evsdr.metrics import Truth, score
 from evsdr.pairs import pair_events
 from evsdr.problem import Problem, make_problem

@@ -12,6 +12,7 @@ from evsdr import decode, fit, scene, simulate
 from evsdr.bound import Bound, event_pair_bound
 from evsdr.errors import InputError
 from evsdr.event_pixel import EventPixel
+from evsdr.fit_input import PRIORS
 from evsdr.metrics import Truth, angular_error_deg, score
 from evsdr.pairs import pair_events
 from evsdr.problem import make_problem
@@ -126,7 +127,7 @@ def recover(rendered: Rendered, setting: Setting, recording: Recording, preset: 
     options = fit.Options(rendered.ring.path, Path(), preset=preset)
     problem = make_problem(recording, pair_events(recording, mask), light, mask)
     start = decode.start_normals(rendered.ring, options.init)
-    solution = decode.solve(problem, start, options, fit.PRIORS if priors else ())
+    solution = decode.solve(problem, start, options, PRIORS if priors else ())
     return decode.assemble_maps(problem, solution, mask.shape, rendered.ring)
 
 
