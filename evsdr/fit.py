@@ -194,8 +194,8 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
             known = seen.recording, fitted.problem, fitted.solution
             purpose, found = "learn", lag.find_lag(*known, unknown)
             if found:
-                purpose, lag_note = "again", fit_report.lag_note(*found)
-                seen = seen.corrected(lag.without_lag(*known, found[0]))
+                purpose, lag_note = "again", str(found)
+                seen = seen.behind(lag.photoreceptors(*known, found))
             fitted = decoder(seen.under(light), fitted, purpose, advance)
     with stages.stage("settle light") as advance:
 

@@ -156,11 +156,6 @@ def prior_note(parts: tuple[str, ...], solution) -> str:
     return "; ".join(found) or "too few pixels to learn from"
 
 
-def lag_note(tau_us: float, sigma_us: float) -> str:
-    """Say how late events were."""
-    return f"events are {tau_us:.3g} +- {sigma_us:.2g} us / I late, as they say, and were moved back"
-
-
 def band_note(recording: Recording, ring: RingScene) -> str:
     """Say which bands are recovered, and with what quadrature."""
     lit = lit_bands(recording.schedule.order, ring.leds.band)

@@ -38,6 +38,9 @@ SAMPLE = 4000  # pixels that tell how thresholds are distributed
 FIRED_LOWER = (
     1.0  # an event's own threshold is this times noise^2 below the mean: lower ones are reached first
 )
+MOVING_SPREAD = (
+    0.03  # of the log of thresholds over the pixels, at least, until their mean is found: less ties it
+)
 SMALLEST_SPREAD = 0.003  # of the log of thresholds over the pixels: less is one value for all
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual
 WIDER = 1.5  # width of the Cauchy cost where thresholds are unknown: the tails of the residuals tell of them
@@ -283,7 +286,7 @@ def solve(
         dr.eval(theta, terms)
         return theta, terms
 
-    def distribution(theta, terms):
+    def distribution(theta, terms, least=SMALLEST_SPREAD):
         """Mean and spread of the log thresholds over the pixels, from what the data alone say of each."""
         some = slice(None, None, max(1, dr.width(theta[0]) // SAMPLE))
         centre, spread = np.array([float(value[0]) for value in hyper]).reshape(2, 2, 1)
@@ -299,7 +302,7 @@ def solve(
         total = np.sum(weight, axis=1) + 1 / np.square(FIRST_THRESHOLD_SIGMA)  # a few pixels tell little
         centre = np.sum(weight * gains, axis=1) / total
         scatter = np.median((gains - centre[:, None]) ** 2, axis=1) / 0.455 - np.median(alone, axis=1)
-        spread = np.sqrt(np.clip(scatter, SMALLEST_SPREAD**2, 0.25) + 1 / total)
+        spread = np.sqrt(np.clip(scatter, least**2, 0.25) + 1 / total)
         return [dr.opaque(Float, float(v)) for v in (*centre, *spread)]
 
     theta = [dr.opaque(Float, 0.0, dr.width(t)) + t for t in start]
@@ -317,7 +320,7 @@ def solve(
     for round_ in range(effort.n_expectation if thresholds else 0):
         noise = measure_noise(theta, hard)
         theta, terms = descend(theta, hard, noise, effort.n_try, None, effort.fine)
-        hyper = distribution(theta, terms)
+        hyper = distribution(theta, terms, MOVING_SPREAD)
         progress("thresholds", (round_ + 1) / effort.n_expectation)
     heard = pairs
     noise = measure_noise(theta, hard)

@@ -81,14 +81,16 @@ def pair(offset, p, t, fired, fired_inside, memorised, memorised_inside, refract
 
 @njit(cache=True)
 def list_silences(
-    offset, t, fired, fired_inside, memorised, memorised_inside, refractory_us, slot_us, n_slot, last
+    offset, t, fired, fired_inside, memorised, memorised_inside, told, refractory_us, slot_us, n_slot, last
 ):
     """List the slot starts between each event and the next of its pixel, or the end of the recording.
 
     Parameters
     ----------
-    offset ... refractory_us
+    offset ... memorised_inside, refractory_us
         See `pair`.
+    told : (n_event,) float32
+        Phase of the light that was memorised after each event, if another than `memorised`.
     slot_us : float
     n_slot : int
     last : (float, float, bool)
@@ -119,6 +121,6 @@ def list_silences(
     n = 0
     for k in range(len(t)):
         for step in range(1, crossed[k] + 1):
-            start[n], probe[n] = memorised[k], (np.int64(memorised[k]) + step) % n_slot
+            start[n], probe[n] = told[k], (np.int64(memorised[k]) + step) % n_slot
             n += 1
     return silent_offset, start, probe

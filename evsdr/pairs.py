@@ -7,8 +7,9 @@ import numpy as np
 
 from evsdr.errors import InputError, InputWarning
 from evsdr.pair_kernel import list_silences, pair, sort_by_pixel
+from evsdr.photoreceptor import Photoreceptors
 from evsdr.records import Recording
-from evsdr.ring_light import phase
+from evsdr.ring_light import phase, position
 
 TOO_CLOSE_SHARE = 0.05  # of pairs within the refractory period, before a warning
 CHUNK = 1 << 17  # times whose phases are computed together: they stay in the cache
@@ -49,7 +50,9 @@ class Pairs:
     silent_probe: np.ndarray
 
 
-def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
+def pair_events(
+    recording: Recording, mask: np.ndarray | None = None, receptors: Photoreceptors | None = None
+) -> Pairs:
     """Pair each event with the one before it in its pixel.
 
     Two events at t_(k-1) and t_k say log I(t_k) - log I(t_(k-1) + refractory) = p_k C, so a pair starts at
@@ -61,6 +64,8 @@ def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
         Events in time order.
     mask : (H, W) bool, optional
         Pixels whose events count; all by default.
+    receptors : Photoreceptors, optional
+        What pixels show; by default log I itself. Phases are those at which the light was what they show.
 
     Raises
     ------
@@ -77,8 +82,13 @@ def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
         mask = np.ones((sensor.height, sensor.width), bool)
     offset, p, t = sort_by_pixel(events.x, events.y, events.p, events.t, mask)
     phases = *_single_phase(t, recording), *_single_phase(t + sensor.refractory_us, recording)
+    fired, fired_inside, memorised, memorised_inside = phases
+    if receptors:
+        pixel = np.repeat(np.arange(mask.size, dtype=np.int32), np.diff(offset))
+        fired, memorised = _shown(receptors, t, p, pixel, recording)
     refractory_us = float(sensor.refractory_us)
-    pair_offset, start, end, polarity, n_dropped, n_close = pair(offset, p, t, *phases, refractory_us)
+    told = fired, fired_inside, memorised, memorised_inside
+    pair_offset, start, end, polarity, n_dropped, n_close = pair(offset, p, t, *told, refractory_us)
     if not len(end):
         raise InputError(
             "No two events of a pixel follow each other within the rounds of the ring; "
@@ -100,11 +110,15 @@ def pair_events(recording: Recording, mask: np.ndarray | None = None) -> Pairs:
         offset,
         t,
         *phases,
+        memorised,
         refractory_us,
         float(schedule.slot_us),
         len(schedule.order),
         (float(last_us), float(last_phase), bool(last_inside)),
     )
+    if receptors:
+        pixel = np.repeat(np.arange(mask.size, dtype=np.int32), np.diff(silent_offset))
+        silent_probe = receptors.shown(silent_probe.astype(np.float64), pixel)
     return Pairs(
         offset=pair_offset,
         phase_start=start,
@@ -126,3 +140,19 @@ def _single_phase(t_us: np.ndarray, recording: Recording) -> tuple[np.ndarray, n
         single[part], inside[part] = phase(t_us[part], recording.schedule, recording.round_start_us)
     single[single >= len(recording.schedule.order)] = 0
     return single, inside
+
+
+def _shown(
+    receptors: Photoreceptors, t_us: np.ndarray, p: np.ndarray, pixel: np.ndarray, recording: Recording
+) -> tuple[np.ndarray, np.ndarray]:
+    """Give phases at which the light was what photoreceptors show when events fire, and when it is memorised."""
+    fired, memorised = np.empty(len(t_us), np.float32), np.empty(len(t_us), np.float32)
+    refractory_us, schedule = recording.sensor.refractory_us, recording.schedule
+    for k in range(0, len(t_us), CHUNK):
+        part = slice(k, k + CHUNK)
+        at, _ = position(t_us[part], schedule, recording.round_start_us)
+        polarity = 2.0 * p[part] - 1
+        fired[part] = receptors.shown(at, pixel[part], polarity)
+        at, _ = position(t_us[part] + refractory_us, schedule, recording.round_start_us)
+        memorised[part] = receptors.shown(at, pixel[part], polarity)
+    return fired, memorised

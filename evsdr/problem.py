@@ -9,6 +9,7 @@ import numpy as np
 from evsdr.event_terms import PairData, pack_phases, pack_slots
 from evsdr.grid import Grid, make_grid
 from evsdr.pairs import Pairs, pair_events
+from evsdr.photoreceptor import Photoreceptors
 from evsdr.records import Recording
 from evsdr.shading import Illumination
 
@@ -58,12 +59,15 @@ class Observations:
         Event pairs of all pixels.
     hot : (height, width) bool, optional
         Pixels whose events and silences count for nothing.
+    receptors : Photoreceptors, optional
+        Those of the pixels, if they lag.
     """
 
     recording: Recording
     mask: np.ndarray
     pairs: Pairs
     hot: np.ndarray | None = None
+    receptors: Photoreceptors | None = None
 
     def under(self, light: Illumination) -> Problem:
         """Give the problem of these observations under a light."""
@@ -72,6 +76,11 @@ class Observations:
     def corrected(self, recording: Recording) -> "Observations":
         """Pair the events of a recording that was put right."""
         return replace(self, recording=recording, pairs=pair_events(recording, self.mask))
+
+    def behind(self, receptors: Photoreceptors) -> "Observations":
+        """Pair the events anew, as seen through photoreceptors that lag."""
+        pairs = pair_events(self.recording, self.mask, receptors)
+        return replace(self, pairs=pairs, receptors=receptors)
 
     def in_order(self, order: np.ndarray) -> "Observations":
         """Take the LEDs to have shone in this order; which events are pairs does not depend on it."""

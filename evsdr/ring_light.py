@@ -47,21 +47,30 @@ def phase(t_us: np.ndarray, schedule: Schedule, round_start_us: np.ndarray) -> t
     InputWarning
         Some triggers are not whole rounds apart; from those the ring runs on by `slot_us`.
     """
+    at, inside = position(t_us, schedule, round_start_us)
+    slot = np.floor(at)
+    at -= slot
+    at = _fade(at, schedule.crossfade)
+    at += slot
+    return np.where(at < len(schedule.order), at, 0.0), inside  # else by rounding, just before the start
+
+
+def position(
+    t_us: np.ndarray, schedule: Schedule, round_start_us: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Give the slot of the ring at any times, plus the fraction of it that is over; else as `phase`."""
     t, n_slot = np.asarray(t_us), len(schedule.order)
     if len(round_start_us) > 1:
         start, duration, slots = _intervals(schedule, np.asarray(round_start_us))
         inside = (t >= start[0]) & (t <= start[-1])
         interval = np.clip(np.searchsorted(start, t, side="right") - 1, 0, len(start) - 2)
-        position = (t - start[interval]) * slots[interval]
-        position /= duration[interval]
+        at = (t - start[interval]) * slots[interval]
+        at /= duration[interval]
     else:
         start = round_start_us[0] if len(round_start_us) else schedule.start_us
         inside = t >= start
-        position = (t - start) / schedule.slot_us
-    slot = np.floor(position)
-    fade = _fade(position - slot, schedule.crossfade)
-    fade += slot % n_slot
-    return np.where(fade < n_slot, fade, 0.0), inside  # n_slot: by rounding, just before the start
+        at = (t - start) / schedule.slot_us
+    return at % n_slot, inside
 
 
 def _fade(fraction: np.ndarray, crossfade: float) -> np.ndarray:
@@ -83,7 +92,7 @@ def _intervals(schedule: Schedule, start: np.ndarray) -> tuple[np.ndarray, np.nd
                 f"{np.sum(~fits)} of {len(fits)} intervals between round-start triggers are not whole rounds "
                 f"of {round_us:g} us, so slot_us counts there; check slot_us, order and the triggers."
             ),
-            stacklevel=3,
+            stacklevel=4,
         )
     slots = np.where(fits, n_round * len(schedule.order), 1.0)
     return start, np.where(fits, duration, schedule.slot_us), slots

@@ -28,7 +28,18 @@ def of_pixels(pairs: PairData, pixel: np.ndarray) -> PairData:
 
 
 def costs(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresholds: bool) -> np.ndarray:
-    """Fit each reading and give its cost.
+    """Fit each reading and give its cost: arguments as of `solve`.
+
+    Returns
+    -------
+    (n_case, n_pixel) float32
+        Negative logarithm of the robust likelihood, up to a constant.
+    """
+    return solve(cases, light, pixel, thresholds).cost.reshape(len(cases), -1)
+
+
+def solve(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresholds: bool) -> lm.Solution:
+    """Fit each reading.
 
     Parameters
     ----------
@@ -43,8 +54,8 @@ def costs(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresho
 
     Returns
     -------
-    (n_case, n_pixel) float32
-        Negative logarithm of the robust likelihood, up to a constant.
+    lm.Solution
+        Pixels of one reading after those of another.
     """
     Float, UInt32 = type(cases[0].phases), type(cases[0].offset)
     n_slot = dr.width(cases[0].slot_leds)
@@ -74,5 +85,4 @@ def costs(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresho
     itself = {place: dr.arange(UInt32, n_pixel) for place in NEXT}
     nowhere = {place: dr.full(dr.mask_t(Float), False, n_pixel) for place in NEXT}
     alone = Grid(np.ones((1, n_pixel), bool), itself, nowhere)
-    solution = lm.solve(LambertianRing(there), tried, light.constant_light, start, alone, QUICK)
-    return solution.cost.reshape(len(cases), -1)
+    return lm.solve(LambertianRing(there), tried, light.constant_light, start, alone, QUICK)
