@@ -23,7 +23,7 @@ PURPOSES = {
     "whole": {},
     "alone": {"priors": None},  # each pixel alone, before its events are put right
     "learn": {"stages": (), "n_sweep": 0, "n_final": 0, "n_expectation": 0},  # go on from there
-    "again": {"stages": (), "n_sweep": 0, "n_final": 8, "n_expectation": 4},  # events have changed a little
+    "again": {"stages": (), "n_sweep": 0, "n_final": 4, "n_expectation": 4},  # events have changed a little
     "light": {"stages": ()},  # light has changed
     "quick": {
         "stages": (),
