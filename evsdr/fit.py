@@ -179,6 +179,7 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
         seen, refractory = sensor_choice.choose_refractory(options.refractory, seen, light, unknown)
     decoder = decode.Decoder(ring, options, priors, start_normal, unknown)
     late, lag_note = sensor_choice.looks_for_lag(options)
+    found = None
     purpose = "alone" if late else "whole"
     with stages.stage("solve") as advance:
         fitted = decoder(seen.under(light), None, purpose, advance)
@@ -200,7 +201,10 @@ def _fit(options: Options, stages: Stages) -> tuple[Maps, dict, dict]:
     with stages.stage("settle light") as advance:
 
         def refit(light, fitted, quick):
-            return decoder(seen.under(light), fitted, "quick" if quick else "light", advance)
+            if quick or not found:
+                return decoder(seen.under(light), fitted, "quick" if quick else "light", advance)
+            receptors = lag.photoreceptors(seen.recording, fitted.problem, fitted.solution, found)
+            return decoder(seen.behind(receptors).under(light), fitted, "light", advance)
 
         traced, fitted = transport.settle(ring, traced, asked, fitted, refit, advance)
     gloss = "angular gate, as published" if options.solver == "adam" else "not looked for by the preset fast"

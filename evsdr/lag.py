@@ -129,9 +129,11 @@ def _noise(cases: list[PairData], light: Illumination, row: np.ndarray, solution
         part = slice(k * len(row), (k + 1) * len(row))
         gain = None if solution.threshold_gain is None else solution.threshold_gain[part]
         residual, turns = _residuals(case, chosen, solution.theta[part], gain)
+        if min(np.count_nonzero(turns), np.count_nonzero(~turns)) < FEWEST_EVENTS:
+            return 0.0
         gaps.append(np.median(residual[~turns]) - np.median(residual[turns]))
         if k == 0:
-            sigma = 1.9 * np.median(np.abs(residual)) / np.sqrt(max(np.count_nonzero(turns), 1))
+            sigma = 1.9 * np.median(np.abs(residual)) / np.sqrt(np.count_nonzero(turns))
     if not gaps[0] > max(gaps[1], SIGNIFICANT * sigma):
         return 0.0
     return float(NOISE_SHARE * min(gaps[0] / (gaps[0] - gaps[1]), MOST_NOISE) * NOISE)
