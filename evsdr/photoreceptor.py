@@ -24,6 +24,9 @@ from scipy import special
 LOG_Z = np.linspace(-16.0, 8.0, 4097)  # of the tables; between their points they are interpolated
 LARGEST_Z = np.exp(LOG_Z[-1])
 FLAT = 1e-6  # change of I over a slot, relative to it, below which it stays
+MOST_EARLY = (
+    0.08  # of a crossfade, by noise: where light hardly changes the model's is too uncertain for more
+)
 N_ROUND = 2  # until a pixel does not know how it was started
 
 
@@ -160,13 +163,7 @@ def _shown(position, row, noise, light, late, tau, crossfade, tables):
         behind = _follow(late[i, slot], start, start, min(past, 1 - crossfade), tau, tables)
         now = start + fade * (light[i, (slot + 1) % n_slot] - start)
         behind = _follow(behind, start, now, fade * crossfade, tau, tables)
-        shown = now * np.exp(noise[k] - behind)
-        end = light[i, (slot + 1) % n_slot]
-        if past >= 1 - crossfade and (shown - now) * (end - now) > 0:  # noise makes events early
-            out[k] = slot + min((shown - start) / (end - start), 1.0)
-            if out[k] >= n_slot:
-                out[k] = 0.0
-            continue
+        shown = now * np.exp(-behind)
         out[k] = slot + fade
         end, reached = now, fade
         for back in range(n_slot):
@@ -174,7 +171,11 @@ def _shown(position, row, noise, light, late, tau, crossfade, tables):
             start = light[i, at]
             if (shown - start) * (shown - end) <= 0:
                 share = (shown - start) / (end - start) if end != start else 1.0
-                out[k] = at + reached * share
+                fade = reached * share
+                rise = (light[i, (at + 1) % n_slot] - start) / shown
+                if rise != 0:
+                    fade += min(max(noise[k] / rise, -MOST_EARLY), MOST_EARLY)
+                out[k] = at + min(max(fade, 0.0), 1.0)
                 break
             end, reached = start, 1.0
         if out[k] >= n_slot:
