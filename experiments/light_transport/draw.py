@@ -20,6 +20,7 @@ def draw(found: list[tuple[str, list[Result]]], file: Path) -> None:
             label = ("without", "with", "auto")[k] if i == 0 else None
             axis.bar(i + 0.27 * (k - 1), r.mae_deg, 0.25, color=colour, label=label)
     axis.set_xticks(range(len(found)), [name for name, _ in found], fontsize=7)
+    axis.set_yscale("log")
     axis.set_ylabel("mean angle [deg]")
     axis.legend()
     figure.savefig(file, dpi=110)
