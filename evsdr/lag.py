@@ -23,28 +23,12 @@ N_PIXEL = 500  # pixels that tell it
 FEWEST_EVENTS = 20  # of such a pixel
 FEWEST_PIXELS = 20
 CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more than a lag may be wrong
-TAU_US = (
-    0.0,
-    10.0,
-    15.0,
-    22.0,
-    33.0,
-    50.0,
-    75.0,
-    110.0,
-    160.0,
-    240.0,
-    360.0,
-    540.0,
-)  # at the light of a white patch
-NOISE = 0.01  # of log I, that is tried
-NOISE_SHARE = (
-    2 / 3
-)  # of the noise that makes a fit look right: a fit takes the rest for light, on simulated scenes
+TAU_US = (0.0, 10.0, 15.0, 22.0, 33.0, 50.0, 75.0, 110.0, 160.0, 240.0, 360.0, 540.0)  # that are tried
 FINE = np.linspace(-0.6, 0.6, 7)  # around the best, relative to the distance of its neighbours
-MOST_NOISE = 4.0  # times that
-DECISIVE = 20.0  # gain in log likelihood, and standard deviations from 0, from which a number counts
-SIGNIFICANT = 4.0
+NOISE, MOST_NOISE = 0.01, 0.04  # of log I, that is tried, and at most
+NOISE_SHARE = 2 / 3  # of the noise at which residuals look right: that is too much, on simulated scenes
+DECISIVE = 20.0  # gain in log likelihood from which there is a lag
+SIGNIFICANT = 4.0  # standard deviations from 0, from which a number counts
 
 
 @dataclass(frozen=True)
@@ -96,12 +80,8 @@ def find_lag(recording: Recording, problem: Problem, solution: Solution, thresho
 
     def read(lags):
         lagging = [photoreceptors(few, problem, solution, lag, row) for lag in lags]
-        return (
-            [_pairs(few, problem, row, receptors) for receptors in lagging],
-            problem.illumination,
-            row,
-            thresholds,
-        )
+        cases = [_pairs(few, problem, row, receptors) for receptors in lagging]
+        return cases, problem.illumination, row, thresholds
 
     tau = _smallest(lambda values: trial.costs(*read([Lag(v, 0.0) for v in values])).sum(axis=1), TAU_US)
     if tau is None:
@@ -136,7 +116,7 @@ def _noise(cases: list[PairData], light: Illumination, row: np.ndarray, solution
             sigma = 1.9 * np.median(np.abs(residual)) / np.sqrt(np.count_nonzero(turns))
     if not gaps[0] > max(gaps[1], SIGNIFICANT * sigma):
         return 0.0
-    return float(NOISE_SHARE * min(gaps[0] / (gaps[0] - gaps[1]), MOST_NOISE) * NOISE)
+    return float(NOISE_SHARE * min(NOISE * gaps[0] / (gaps[0] - gaps[1]), MOST_NOISE))
 
 
 def _residuals(
@@ -175,7 +155,8 @@ def _smallest(costs: Callable, candidates: tuple) -> tuple[float, float] | None:
     fine = np.clip(candidates[best] + 0.5 * step * FINE, 0, None)
     curve = np.polynomial.Polynomial.fit(fine, costs(fine), 2).convert()
     if curve.coef[2] <= 0:  # few and contrary events: the coarse ones have to do
-        around = slice(best - 1, best + 2)
+        first = min(best, len(candidates) - 2) - 1
+        around = slice(first, first + 3)
         curve = np.polynomial.Polynomial.fit(candidates[around], cost[around], 2).convert()
     if curve.coef[2] <= 0:
         return None

@@ -38,10 +38,8 @@ SAMPLE = 4000  # pixels that tell how thresholds are distributed
 FIRED_LOWER = (
     1.0  # an event's own threshold is this times noise^2 below the mean: lower ones are reached first
 )
-MOVING_SPREAD = (
-    0.03  # of the log of thresholds over the pixels, at least, until their mean is found: less ties it
-)
 SMALLEST_SPREAD = 0.003  # of the log of thresholds over the pixels: less is one value for all
+MOVING_SPREAD = 0.03  # the least of that until the mean is found: less would hold it
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual
 WIDER = 1.5  # width of the Cauchy cost where thresholds are unknown: the tails of the residuals tell of them
 N_SHOWN = 32  # pairs of a pixel that show its noise

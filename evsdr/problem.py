@@ -59,15 +59,12 @@ class Observations:
         Event pairs of all pixels.
     hot : (height, width) bool, optional
         Pixels whose events and silences count for nothing.
-    receptors : Photoreceptors, optional
-        Those of the pixels, if they lag.
     """
 
     recording: Recording
     mask: np.ndarray
     pairs: Pairs
     hot: np.ndarray | None = None
-    receptors: Photoreceptors | None = None
 
     def under(self, light: Illumination) -> Problem:
         """Give the problem of these observations under a light."""
@@ -79,8 +76,7 @@ class Observations:
 
     def behind(self, receptors: Photoreceptors) -> "Observations":
         """Pair the events anew, as seen through photoreceptors that lag."""
-        pairs = pair_events(self.recording, self.mask, receptors)
-        return replace(self, pairs=pairs, receptors=receptors)
+        return replace(self, pairs=pair_events(self.recording, self.mask, receptors))
 
     def in_order(self, order: np.ndarray) -> "Observations":
         """Take the LEDs to have shone in this order; which events are pairs does not depend on it."""

@@ -6,7 +6,7 @@ import pytest
 from evsdr.photoreceptor import Photoreceptors
 
 N_SLOT, N_STEP = 7, 20_000  # steps per round
-TAU = 0.01  # slots: much slower than an EVK4's in slots of 20 ms
+TAU = 0.01  # slots: slower than an EVK4 in slots of 20 ms
 
 
 def light_at(position, light, crossfade):
@@ -16,13 +16,13 @@ def light_at(position, light, crossfade):
     return light[:, slot] + fade * (light[:, (slot + 1) % N_SLOT] - light[:, slot])
 
 
-def stepped(light, crossfade):
+def stepped(light, crossfade, tau):
     """Give v (N_STEP, n_pixel) after each step of the third round."""
     dt = N_SLOT / N_STEP
     v, out = np.log(light[:, 0]), []
     for k in range(3 * N_STEP):
         now = light_at((k + 0.5) * dt, light, crossfade)
-        v = np.log(now) + (v - np.log(now)) * np.exp(-dt * now / TAU)
+        v = np.log(now) + (v - np.log(now)) * np.exp(-dt * now / tau)
         out.append(v)
     return np.array(out[2 * N_STEP :])
 
@@ -35,10 +35,10 @@ def light(rng):
     return out
 
 
-@pytest.mark.parametrize("crossfade", [1.0, 0.3])
-def test_light_of_the_phase_is_what_is_shown(light, crossfade):
-    receptors = Photoreceptors.under(light, np.arange(6, dtype=np.int32), TAU, crossfade)
-    v = stepped(light, crossfade)
+@pytest.mark.parametrize("crossfade, tau", [(1.0, TAU), (0.3, TAU), (1.0, 10 * TAU)])
+def test_light_of_the_phase_is_what_is_shown(light, crossfade, tau):
+    receptors = Photoreceptors.under(light, np.arange(6, dtype=np.int32), tau, crossfade)
+    v = stepped(light, crossfade, tau)
     step = np.arange(50, N_STEP, 97)
     position = (step + 1) * N_SLOT / N_STEP
     worst, moved = 0, 0
