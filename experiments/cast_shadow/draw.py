@@ -29,5 +29,5 @@ def draw(results: list[Result], file: Path) -> None:
             axis.axis("off")
     figure.colorbar(angle, ax=axes[1], label="angle [deg]")
     figure.colorbar(rms, ax=axes[2], label="reflectance, RMS over bands")
-    figure.savefig(file, dpi=110)
+    figure.savefig(file, dpi=73)
     plt.close(figure)
