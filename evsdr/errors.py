@@ -1,4 +1,4 @@
-"""What goes wrong with input, as plain sentences."""
+"""What goes wrong with input, as plain sentences, and checks that many share."""
 
 
 class InputError(Exception):
@@ -11,3 +11,24 @@ class InputError(Exception):
 
 class InputWarning(UserWarning):
     """Input that can be used, with something the user should know; one plain sentence."""
+
+
+def parse_definitions(define: tuple[str, ...]) -> dict[str, str]:
+    """Read `name=value` pairs for the `<default>` parameters of a scene file."""
+    pairs = [text.partition("=") for text in define]
+    for name, equals, value in pairs:
+        if not name or not equals:
+            raise InputError(f"-D {name}{equals}{value}: write it as -D name=value.")
+    return {name: value for name, _, value in pairs}
+
+
+def check_range(name: str, value: int, least: int, most: int = 2**32 - 1) -> None:
+    """Refuse a number outside a range.
+
+    Raises
+    ------
+    InputError
+        It is.
+    """
+    if not least <= value <= most:
+        raise InputError(f"{name} is {value}; give a whole number from {least} to {most}.")

@@ -1,31 +1,8 @@
 """How far recovered maps are from the truth."""
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import numpy as np
 
-from evsdr.errors import InputError
-from evsdr.records import Maps
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What is true of a scene.
-
-    Attributes
-    ----------
-    normal : (H, W, 3) float
-        Unit normals in the camera frame: x right, y up, z toward the camera.
-    reflectance : (H, W, n_band) float
-        Absolute reflectance per band.
-    mask : (H, W) bool
-        Pixels that count.
-    """
-
-    normal: np.ndarray
-    reflectance: np.ndarray
-    mask: np.ndarray
+from evsdr.records import Maps, Truth
 
 
 def angular_error_deg(normal: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -71,42 +48,3 @@ def score(maps: Maps | Truth, truth: Maps | Truth) -> dict[str, float]:
         out["sam_deg"] = float(angular_error_deg(reflectance, true_reflectance).mean())
         out["rmse"] = float(difference.mean())
     return out
-
-
-def read_truth(path: str | Path, height: int, width: int, n_band: int) -> Truth:
-    """Read truth.npz with `normal`, `reflectance` and `mask`.
-
-    Raises
-    ------
-    InputError
-        The file is missing or damaged, or its arrays don't fit the recording and the scene.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file; name a truth.npz.")
-    shapes = {"normal": (height, width, 3), "reflectance": (height, width, n_band), "mask": (height, width)}
-    try:
-        with open(path, "rb") as stream:
-            file = np.load(stream, allow_pickle=False)
-            arrays = {name: file[name] for name in shapes if name in file.keys()}
-    except Exception as error:  # NumPy, zipfile and zlib raise ten kinds on damage
-        raise InputError(f"{path}: this is not a readable .npz archive; write it by numpy.savez.") from error
-    for name, shape in shapes.items():
-        if name not in arrays:
-            raise InputError(f"{path}: the array {name} is missing; store it with shape {shape}.")
-        if arrays[name].shape != shape or arrays[name].dtype.kind not in "fiub":
-            raise InputError(
-                f"{path}: {name} is an array of {arrays[name].dtype} with shape {arrays[name].shape}; "
-                f"store numbers with shape {shape}, as events and scene have it."
-            )
-    mask = arrays["mask"] != 0
-    if not mask.any():
-        raise InputError(f"{path}: mask selects no pixel; set it where the truth is known.")
-    for name in ("normal", "reflectance"):
-        if not np.isfinite(arrays[name][mask]).all():
-            raise InputError(f"{path}: {name} is not finite at some pixel of the mask; take it out.")
-    if np.abs(np.linalg.norm(arrays["normal"][mask], axis=-1) - 1).max() > 0.01:
-        raise InputError(f"{path}: normal has not unit length at some pixel of the mask; normalise it.")
-    if arrays["normal"][mask][:, 2].mean() < 0:
-        raise InputError(f"{path}: normal points away from the camera; store x right, y up, z toward it.")
-    return Truth(arrays["normal"], arrays["reflectance"], mask)

@@ -117,3 +117,22 @@ class Maps:
     normal_sigma_deg: np.ndarray
     reflectance_sigma: np.ndarray
     band_wavelength_nm: np.ndarray
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is true of a scene.
+
+    Attributes
+    ----------
+    normal : (H, W, 3) float
+        Unit normals in the camera frame: x right, y up, z toward the camera.
+    reflectance : (H, W, n_band) float
+        Absolute reflectance per band.
+    mask : (H, W) bool
+        Pixels that count.
+    """
+
+    normal: np.ndarray
+    reflectance: np.ndarray
+    mask: np.ndarray

@@ -12,8 +12,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from evsdr.files.results import encode_normal, reflectance_to_srgb
 from evsdr.metrics import angular_error_deg
-from evsdr.results import encode_normal, reflectance_to_srgb
 
 
 def draw(folder: Path, truth_path: Path, picture: Path) -> None:

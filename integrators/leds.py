@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from evsdr import spectral
+from evsdr.model import quadrature
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Leds:
     band_wavelength_nm : (n_band,) float
         Centroid of each band [nm].
     band_spectrum : (n_band, n_wavelength) float
-        D E of each band's first LED over `spectral.WAVELENGTH_NM`.
+        D E of each band's first LED over `quadrature.WAVELENGTH_NM`.
     """
 
     emitter: list
@@ -87,22 +87,22 @@ def find_leds(scene: mi.Scene, response: mi.Texture | None = None) -> Leds:
         raise ValueError("no emitter has an id that starts with 'led'")
     irradiance = np.array([_spectrum(scene, e) for _, e in named])
     seen = irradiance * _response(response)
-    power = spectral.integrate(seen)
+    power = quadrature.integrate(seen)
     for (name, _), p in zip(named, power):
         if not p > 0:
             raise ValueError(f"emitter '{name}' gives the camera no light between 360 and 830 nm")
-    band = spectral.group_bands(seen)
+    band = quadrature.group_bands(seen)
     first = [int(np.flatnonzero(band == b)[0]) for b in range(band.max() + 1)]
-    quadrature = [spectral.gauss_quadrature(seen[j]) for j in first]
+    rules = [quadrature.gauss_quadrature(seen[j]) for j in first]
     return Leds(
         emitter=[e for _, e in named],
         power=power,
-        peak_nm=spectral.WAVELENGTH_NM[irradiance.argmax(axis=1)],
+        peak_nm=quadrature.WAVELENGTH_NM[irradiance.argmax(axis=1)],
         peak=irradiance.max(axis=1),
         band=band,
-        node_nm=np.array([node for node, _ in quadrature]),
-        weight=np.array([weight for _, weight in quadrature]),
-        band_wavelength_nm=spectral.integrate(seen[first] * spectral.WAVELENGTH_NM) / power[first],
+        node_nm=np.array([node for node, _ in rules]),
+        weight=np.array([weight for _, weight in rules]),
+        band_wavelength_nm=quadrature.integrate(seen[first] * quadrature.WAVELENGTH_NM) / power[first],
         band_spectrum=seen[first],
     )
 
@@ -117,14 +117,14 @@ def _natural(name: str) -> list:
 
 def _packets() -> mi.Spectrum:
     """Lay the wavelength grid out as four-wavelength packets."""
-    padded = np.append(spectral.WAVELENGTH_NM, np.full(-len(spectral.WAVELENGTH_NM) % 4, 830.0))
+    padded = np.append(quadrature.WAVELENGTH_NM, np.full(-len(quadrature.WAVELENGTH_NM) % 4, 830.0))
     return mi.Spectrum(np.ascontiguousarray(padded.reshape(-1, 4).T.astype(np.float32)))
 
 
 def _unpack(value: mi.Spectrum) -> np.ndarray:
-    n_packet = -(-len(spectral.WAVELENGTH_NM) // 4)  # a flat spectrum comes as a single packet
+    n_packet = -(-len(quadrature.WAVELENGTH_NM) // 4)  # a flat spectrum comes as a single packet
     return np.broadcast_to(np.array(value, dtype=float).T, (n_packet, 4)).ravel()[
-        : len(spectral.WAVELENGTH_NM)
+        : len(quadrature.WAVELENGTH_NM)
     ]
 
 
@@ -148,7 +148,7 @@ def _spectrum(scene: mi.Scene, emitter: mi.Emitter) -> np.ndarray:
 
 def _response(texture: mi.Texture | None) -> np.ndarray:
     if texture is None:
-        return np.ones_like(spectral.WAVELENGTH_NM)
+        return np.ones_like(quadrature.WAVELENGTH_NM)
     si = dr.zeros(mi.SurfaceInteraction3f)
     si.wavelengths = _packets()
     return _unpack(texture.eval(si))

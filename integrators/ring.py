@@ -31,7 +31,8 @@ import mitsuba as mi
 import numpy as np
 from evsdr.integrators.leds import Leds, emitter_id, find_leds
 
-from evsdr.shading import Illumination, led_signals
+from evsdr.model.illumination import Illumination
+from evsdr.model.lambert import led_signals
 
 
 class RingIntegrator(mi.SamplingIntegrator):

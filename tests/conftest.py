@@ -11,13 +11,13 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 import numpy as np
 import pytest
 
-pytest.register_assert_rewrite("command_line")
+pytest.register_assert_rewrite("tests.support.command_line")
 
-from command_line import Commands
-from small_scene import scene
-
-from evsdr import jit, simulate
+from evsdr import jit
+from evsdr.commands import simulate
 from evsdr.errors import InputError
+from tests.support.command_line import Commands
+from tests.support.small_scene import scene
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

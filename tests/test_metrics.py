@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from evsdr.errors import InputError
-from evsdr.metrics import Truth, angular_error_deg, read_truth, score
+from evsdr.files.truth import read_truth
+from evsdr.metrics import angular_error_deg, score
+from evsdr.records import Truth
 
 HEIGHT, WIDTH, N_BAND = 4, 5, 3
 

@@ -7,9 +7,9 @@ import subprocess
 import sys
 
 import pytest
-from conftest import REPOSITORY
 
 import evsdr
+from tests.conftest import REPOSITORY
 
 tomllib = pytest.importorskip("tomllib")  # from Python 3.11 on
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from evsdr.console import print_table, run_command
+from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError
-from evsdr.ring_driver import RingSettings
+from evsdr.rig.driver import RingSettings
 from experiments.bench import fuzz, light, simulator
 from experiments.bench.darkness import ENDINGS, end_early
 

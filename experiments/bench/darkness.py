@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from evsdr.ring_protocol import frame
+from evsdr.rig.protocol import frame
 from experiments.bench.simulator import Line, Script
 
 BEFORE_US = 31_000  # of the run, until something happens

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evsdr.ring_protocol import frame
+from evsdr.rig.protocol import frame
 from experiments.bench.simulator import Line, Script
 
 VALID = (

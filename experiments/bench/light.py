@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from evsdr import ring_light
+from evsdr.events import phase
 from evsdr.records import Schedule
-from evsdr.ring_driver import RingSettings
+from evsdr.rig.driver import RingSettings
 from experiments.bench.vcd import (
     CYCLES_PER_US,
     N_LED,
@@ -78,7 +78,7 @@ def light_error(trace: Trace, settings: RingSettings) -> tuple[float, float]:
     n_slot = (len(trace.rounds) - 1) * len(settings.order)
     edge = period_edges(settings, n_slot)
     middle_us = 0.5 * (edge[1:] + edge[:-1]) / CYCLES_PER_US
-    asked = ring_light.weights(middle_us, schedule, N_LED, np.array([0]))
+    asked = phase.weights(middle_us, schedule, N_LED, np.array([0]))
     levels = np.round(255 * np.array(settings.trim)) / 255
     is_first = np.isin(edge[:-1] % (int(settings.slot_us) * CYCLES_PER_US), 0)
     worst = np.zeros(2)

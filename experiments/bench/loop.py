@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from evsdr import fit, ring, simulate
-from evsdr.event_pixel import EventPixel, simulate_events
-from evsdr.recording import write_recording
+from evsdr.commands import fit, ring, simulate
+from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.files.events_h5 import write_recording
 from evsdr.records import Events, Recording, Schedule, Sensor
-from evsdr.ring_log import RingLog, read_ring_log
+from evsdr.rig.log import RingLog, read_ring_log
 from experiments.bench.light import FULL, Trace, read_trace
 from experiments.bench.simulator import beside_host
 from experiments.bench.vcd import CYCLES_PER_US, N_LED, mean_light

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from evsdr.ring_protocol import frame, unframe
+from evsdr.rig.protocol import frame, unframe
 
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 ELF, BENCH = FIRMWARE / "build" / "ring.elf", FIRMWARE / "build" / "bench"

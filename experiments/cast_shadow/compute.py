@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from evsdr import fit, jit, simulate
-from evsdr.metrics import angular_error_deg, read_truth
+from evsdr import jit
+from evsdr.commands import fit, simulate
+from evsdr.files.truth import read_truth
+from evsdr.metrics import angular_error_deg
 from evsdr.records import Maps
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -142,7 +144,9 @@ def run(case: Case, folder: Path, size: int) -> list[Result]:
 def in_shadow(scene: Path, size: int) -> np.ndarray:
     """Tell which pixels lie in the shadow of an LED that they face."""
     jit.start()
-    from evsdr.scene import load_scene, object_normals, trace_illumination
+    from evsdr.light.ground_truth import object_normals
+    from evsdr.light.scene import load_scene
+    from evsdr.light.tracing import trace_illumination
 
     ring = load_scene(scene, {"size": str(size)})
     plain, _ = trace_illumination(ring, 4, False)

@@ -8,7 +8,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from evsdr.results import encode_normal
+from evsdr.files.results import encode_normal
 
 from .compute import Result
 

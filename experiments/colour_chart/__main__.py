@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from evsdr.errors import InputError
-from evsdr.files import atomic_path
+from evsdr.files.atomic import atomic_path
 
 from .compute import N_LED, REPOSITORY, find_patches, fit_chart, order_with_pauses, patch_errors
 from .draw import draw

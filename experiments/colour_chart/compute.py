@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from evsdr import fit, simulate
-from evsdr.event_pixel import EventPixel
-from evsdr.metrics import Truth, angular_error_deg, read_truth
-from evsdr.recording import read_recording
-from evsdr.records import Maps
+from evsdr.commands import fit, simulate
+from evsdr.events.pixel import EventPixel
+from evsdr.files.events_h5 import read_recording
+from evsdr.files.truth import read_truth
+from evsdr.metrics import angular_error_deg
+from evsdr.records import Maps, Truth
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENE = REPOSITORY / "scenes" / "colorchecker.xml"

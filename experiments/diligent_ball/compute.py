@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evsdr import fit, simulate
+from evsdr.commands import fit, simulate
 from evsdr.records import Maps
 
 REPOSITORY = Path(__file__).resolve().parents[2]

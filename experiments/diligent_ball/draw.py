@@ -8,8 +8,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from evsdr.files.results import encode_normal
 from evsdr.metrics import angular_error_deg
-from evsdr.results import encode_normal
 
 from .compute import Ball, Result
 

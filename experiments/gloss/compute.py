@@ -9,23 +9,21 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from evsdr import decode, lm, scene
-from evsdr.event_pixel import EventPixel
-from evsdr.gloss import (
-    BlinnPhong,
-    GlossyRing,
-    RoughCoating,
-    gate_weights,
-    pair_residuals,
-    pair_weights,
-    robust_width,
-)
-from evsdr.gloss_fit import Evidence, Gloss, fit_gloss, gloss_evidence, sort_materials
-from evsdr.metrics import Truth, score
-from evsdr.pairs import pair_events
-from evsdr.problem import Problem, make_problem
-from evsdr.shading import LambertianRing
-from evsdr.simulate import Options, record
+from evsdr.commands.simulate import Options
+from evsdr.effects.gloss_fit import Evidence, Gloss, fit_gloss, gloss_evidence, sort_materials
+from evsdr.events.pairs import pair_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.record import record
+from evsdr.fitting.maps import assemble_maps
+from evsdr.light import ground_truth, scene, tracing
+from evsdr.metrics import score
+from evsdr.model.gloss import BlinnPhong, GlossyRing, RoughCoating
+from evsdr.model.lambert import LambertianRing
+from evsdr.records import Truth
+from evsdr.solve import levenberg
+from evsdr.solve.problem import Problem, make_problem
+from evsdr.solve.published import gate_weights, pair_weights
+from evsdr.solve.unknowns import to_theta
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 LEAST_SQUARES = 50.0  # width of a Cauchy cost that is least squares for all purposes
@@ -82,9 +80,9 @@ def simulate(name: str, size: int, seed: int = 0) -> Sphere:
     """
     file = "glossy_sphere.xml" if name == "coating" else "sphere.xml"
     ring = scene.load_scene(SCENES / file, {"size": str(size)})
-    truth = scene.surface_maps(ring, 16)
-    signal = scene.led_images(ring, 16)
-    light, coverage = scene.trace_illumination(ring, 16, False)
+    truth = ground_truth.surface_maps(ring, 16)
+    signal = tracing.led_images(ring, 16)
+    light, coverage = tracing.trace_illumination(ring, 16, False)
     lobe = RoughCoating(mi.Float(ROUGHNESS**2), mi.Float(0.0 if name == "matt" else 1.0))
     if name == "blinn-phong":
         normal = mi.Vector3f(truth.normal.reshape(-1, 3).T)
@@ -99,38 +97,30 @@ def simulate(name: str, size: int, seed: int = 0) -> Sphere:
     return Sphere(ring, problem, Truth(truth.normal, truth.reflectance, truth.mask), lobe)
 
 
-def solve(problem: Problem, effort: lm.Effort, model=None, start: np.ndarray | None = None) -> lm.Solution:
+def solve(
+    problem: Problem, effort: levenberg.Effort, model=None, start: np.ndarray | None = None
+) -> levenberg.Solution:
     """Fit with a model, by default the matt one, from frontal normals or from slopes and log reflectances."""
     light = problem.illumination
     if start is None:
         normal = np.tile([0.0, 0.0, 1.0], (problem.n_pixel, 1))
-        theta = decode.to_theta(normal, np.full((problem.n_pixel, light.n_band), lm.REFLECTANCE_CENTRE))
+        theta = to_theta(normal, np.full((problem.n_pixel, light.n_band), levenberg.REFLECTANCE_CENTRE))
     else:
         theta = [mi.Float(np.ascontiguousarray(column, np.float32)) for column in start.T]
         effort = replace(effort, stages=AGAIN)
     model = model or LambertianRing(light)
-    return lm.solve(model, problem.pairs, light.constant_light, theta, problem.grid, effort)
+    return levenberg.solve(model, problem.pairs, light.constant_light, theta, problem.grid, effort)
 
 
 # ---------------------------------------------------------------------- methods
 
 
-def matt(sphere: Sphere, effort: lm.Effort) -> tuple[lm.Solution, str]:
+def matt(sphere: Sphere, effort: levenberg.Effort) -> tuple[levenberg.Solution, str]:
     """Fit the matt model."""
     return solve(sphere.problem, effort), ""
 
 
-def own_width(sphere: Sphere, effort: lm.Effort) -> tuple[lm.Solution, str]:
-    """Fit the matt model twice, the second time with the width that the residuals of the first ask for."""
-    problem, light = sphere.problem, sphere.problem.illumination
-    first = solve(problem, effort)
-    width = robust_width(
-        pair_residuals(LambertianRing(light), problem.pairs, light.constant_light, first.theta)
-    )
-    return solve(problem, replace(effort, robust=width), start=first.theta), f"width {width:.2f}"
-
-
-def gated(sphere: Sphere, effort: lm.Effort) -> tuple[lm.Solution, str]:
+def gated(sphere: Sphere, effort: levenberg.Effort) -> tuple[levenberg.Solution, str]:
     """Fit the matt model with the angular gate at the normals known so far."""
     problem = sphere.problem
     solution = solve(problem, effort)
@@ -143,7 +133,7 @@ def gated(sphere: Sphere, effort: lm.Effort) -> tuple[lm.Solution, str]:
     return solution, ""
 
 
-def modelled(sphere: Sphere, effort: lm.Effort) -> tuple[lm.Solution, str]:
+def modelled(sphere: Sphere, effort: levenberg.Effort) -> tuple[levenberg.Solution, str]:
     """Fit the matt model; where its residuals show gloss, fit lobes and maps in turn."""
     problem = sphere.problem
     solution = solve(problem, effort)
@@ -159,7 +149,7 @@ def modelled(sphere: Sphere, effort: lm.Effort) -> tuple[lm.Solution, str]:
     return solution, f"{describe(evidence)}; {describe_gloss(gloss)}"
 
 
-def lobe_known(sphere: Sphere, effort: lm.Effort) -> tuple[lm.Solution, str]:
+def lobe_known(sphere: Sphere, effort: levenberg.Effort) -> tuple[levenberg.Solution, str]:
     """Fit the matt model, then with the true lobe: as far as an estimated one can reach."""
     start = solve(sphere.problem, effort).theta
     return solve(sphere.problem, effort, GlossyRing(sphere.problem.illumination, sphere.lobe), start), ""
@@ -175,12 +165,11 @@ def describe_gloss(gloss: Gloss) -> str:
     return ", ".join(f"shape {a:.3g} strength {k:.3g}" for a, k in zip(gloss.shape, gloss.strength))
 
 
-BALANCED = lm.PRESETS["balanced"]
-METHODS: dict[str, tuple[Callable, lm.Effort]] = {
+BALANCED = levenberg.PRESETS["balanced"]
+METHODS: dict[str, tuple[Callable, levenberg.Effort]] = {
     "least squares": (matt, replace(BALANCED, robust=LEAST_SQUARES)),
     "robust, width 2 (default)": (matt, BALANCED),
     "robust, width 1": (matt, replace(BALANCED, robust=1.0)),
-    "robust, width of residuals": (own_width, BALANCED),
     "angular gate, least squares": (gated, replace(BALANCED, robust=LEAST_SQUARES)),
     "angular gate, robust": (gated, BALANCED),
     "lobe found": (modelled, BALANCED),
@@ -193,5 +182,5 @@ def run(sphere: Sphere, method: str) -> Result:
     begin = time.process_time()
     solve_by, effort = METHODS[method]
     solution, note = solve_by(sphere, effort)
-    maps = decode.assemble_maps(sphere.problem, solution, sphere.truth.mask.shape, sphere.ring)
+    maps = assemble_maps(sphere.problem, solution, sphere.truth.mask.shape, sphere.ring)
     return Result(method, score(maps, sphere.truth), time.process_time() - begin, note)

@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 
 from evsdr import jit
-from evsdr.files import atomic_path
+from evsdr.files.atomic import atomic_path
 
 from . import summary, tables
 

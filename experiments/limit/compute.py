@@ -8,18 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from evsdr import decode, fit, scene, simulate
-from evsdr.bound import Bound, event_pair_bound
+from evsdr.commands import fit, simulate
 from evsdr.errors import InputError
-from evsdr.event_pixel import EventPixel
-from evsdr.fit_input import PRIORS
-from evsdr.metrics import Truth, angular_error_deg, score
-from evsdr.pairs import pair_events
-from evsdr.problem import make_problem
-from evsdr.records import Maps, Recording
-from evsdr.shading import Illumination
+from evsdr.events.pairs import pair_events
+from evsdr.events.pixel import EventPixel
+from evsdr.fitting import decoder
+from evsdr.fitting.checks import PRIORS
+from evsdr.fitting.maps import assemble_maps
+from evsdr.light import ground_truth, scene, tracing
+from evsdr.limits.bound import Bound, event_pair_bound
+from evsdr.metrics import angular_error_deg, score
+from evsdr.model.illumination import Illumination
+from evsdr.records import Maps, Recording, Truth
+from evsdr.solve.problem import make_problem
 
-SCENES = Path(scene.__file__).resolve().parents[1] / "scenes"
+SCENES = Path(__file__).resolve().parents[2] / "scenes"
 SPP = 16  # rays per pixel of the images, and for visibility
 CONVEX = ("sphere", "colorchecker")  # no cast shadows to trace, as `evsdr.fit` decides
 KNOWN_DEG = 30.0  # bound of a normal up to which a pixel is compared with it
@@ -99,10 +102,10 @@ class Rendered:
 def render(name: str, size: int, seed: int = 0) -> Rendered:
     """Load a scene of `scenes/`, render its LED images and its truth, trace its light."""
     ring = scene.load_scene(SCENES / f"{name}.xml", {"size": str(size)})
-    maps = scene.surface_maps(ring, SPP, seed)
-    signal = scene.led_images(ring, SPP, seed)
+    maps = ground_truth.surface_maps(ring, SPP, seed)
+    signal = tracing.led_images(ring, SPP, seed)
     # another seed than that of the images, or the noise of both would cancel
-    light, coverage = scene.trace_illumination(ring, SPP, name not in CONVEX, seed + 1)
+    light, coverage = tracing.trace_illumination(ring, SPP, name not in CONVEX, seed + 1)
     return Rendered(
         name, ring, signal, Truth(maps.normal, maps.reflectance, maps.mask), light, coverage >= 0.5
     )
@@ -126,9 +129,9 @@ def recover(rendered: Rendered, setting: Setting, recording: Recording, preset: 
     light = rendered.light_with(setting.constant_light)
     options = fit.Options(rendered.ring.path, Path(), preset=preset)
     problem = make_problem(recording, pair_events(recording, mask), light, mask)
-    start = decode.start_normals(rendered.ring, options.init)
-    solution = decode.solve(problem, start, options, PRIORS if priors else ())
-    return decode.assemble_maps(problem, solution, mask.shape, rendered.ring)
+    start = decoder.start_normals(rendered.ring, options.init)
+    solution = decoder.solve(problem, start, options, PRIORS if priors else ())
+    return assemble_maps(problem, solution, mask.shape, rendered.ring)
 
 
 def bound_of(rendered: Rendered, setting: Setting, recording: Recording) -> Bound:

@@ -1,0 +1,152 @@
+"""`python -m evsdr.design scene.xml`: judge a ring before it is built: what it can tell, and how well."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from evsdr.commands.console import print_table, run_command
+from evsdr.events.pixel import EventPixel
+from evsdr.files.atomic import atomic_folder, check_folder
+from evsdr.limits.judge import (
+    judge,
+)
+
+
+@dataclass(frozen=True)
+class Options:
+    """Judge a ring of LEDs: what it can tell in principle, and how well for the object of the scene."""
+
+    scene: tyro.conf.Positional[Path]
+    """Scene file: camera, LEDs, object."""
+    out: Path | None = None
+    """Folder for bound.png and design.json; by default out/design_NAME, named after the scene."""
+    noise: float = 0.1
+    """Relative standard deviation of the thresholds from one event to the next."""
+    threshold_on: float = EventPixel.contrast_threshold_on
+    """Contrast threshold of ON events, of natural log intensity."""
+    threshold_off: float = EventPixel.contrast_threshold_off
+    """Contrast threshold of OFF events."""
+    refractory_us: float = EventPixel.refractory_us
+    """Time after an event until the reference is memorised anew [us]."""
+    rounds: int = 6
+    """Rounds of the ring."""
+    order: tuple[int, ...] | None = None
+    """LED of each slot of a round, -1 for none; by default each LED in turn."""
+    slot_us: float = 20_000.0
+    """Length of a slot [us]."""
+    crossfade: float = 1.0
+    """Fraction of a slot's end over which an LED fades into the next; 0 is a hard switch."""
+    shininess: float = 32.0
+    """Blinn-Phong exponent of the gloss."""
+    gloss_threshold: float = 0.5
+    """Share of the gloss's peak from which it spoils an observation."""
+    spp: int = 16
+    """Rays per pixel."""
+    seed: int = 0
+    """Seed of the rays."""
+    define: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction] = field(
+        default=()
+    )
+    """name=value for a <default> parameter of the scene file; may be repeated."""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; gives its exit status."""
+    return run_command("design", Options, command, argv)
+
+
+def command(options: Options) -> None:
+    """Judge, draw, write, print."""
+    out = options.out or Path("out") / f"design_{options.scene.stem}"
+    check_folder(out)
+    design, bound, mask = judge(options)
+    with atomic_folder(out) as folder:
+        draw(bound, mask, folder / "bound.png")
+        (folder / "design.json").write_text(json.dumps(design, indent=2, allow_nan=False) + "\n")
+    print_leds(design["leds"])
+    for problem in design["problems"]:
+        print(f"- {problem}")
+    print_table(f"{options.scene}", describe(design))
+    print(f"picture: {out / 'bound.png'}; all else in {out / 'design.json'}")
+
+
+# ---------------------------------------------------------------------- print and draw
+
+
+def print_leds(leds: list[dict]) -> None:
+    """Print the table of the LEDs."""
+    table = Table(title="LEDs, seen from the centre of the object")
+    for name in ("LED", "band", "nm", "power", "azimuth", "polar angle", "safe from gloss"):
+        table.add_column(name, justify="left" if name == "LED" else "right")
+    for led in leds:
+        table.add_row(
+            led["id"],
+            str(led["band"]),
+            f"{led['centroid_nm']:.0f}",
+            f"{led['power']:.3g}",
+            f"{led['azimuth_deg']:.1f}",
+            f"{led['polar_deg']:.1f}",
+            "yes" if led["inside_safe_range"] else "no",
+        )
+    Console().print(table)
+
+
+def describe(design: dict) -> list[tuple[str, str]]:
+    """Give the rows of the table of figures."""
+    safe, bound = design["safe_polar_deg"], design["bound"]
+    share = design["constant_light"] / design["median_led_signal"] if design["median_led_signal"] else np.inf
+
+    def figures(name, unit):
+        mean, median = bound[f"{name}_mean"], bound[f"{name}_median"]
+        return "nothing known" if mean is None else f"{mean:.3g} / {median:.3g}{unit}"
+
+    return [
+        ("polar angles safe from gloss [deg]", f"{safe[0]:.2f} to {safe[1]:.2f}" if safe else "none"),
+        ("normals that lose a band to gloss and shadow", f"{design['normals_without_clean_band']:.2%}"),
+        ("constant light / median LED signal", f"{share:.3g}"),
+        ("event pairs per pixel", f"{bound['pairs_per_pixel']:.1f}"),
+        ("normals, bound: mean / median", figures("normal_deg", " deg")),
+        ("reflectance, bound: mean / median", figures("reflectance", "")),
+        ("normals known", f"{bound['share_normal_known']:.1%}"),
+        ("reflectances known", f"{bound['share_reflectance_known']:.1%}"),
+    ]
+
+
+def draw(bound, mask: np.ndarray, path: Path) -> None:
+    """Draw the bounds of normals and reflectance as maps; grey where nothing is known of the object."""
+    from matplotlib.figure import Figure
+
+    angle = np.where(bound.normal_sigma_deg < 180, bound.normal_sigma_deg, np.nan)
+    known = bound.reflectance_sigma < 1
+    total = np.sum(bound.reflectance_sigma, axis=-1, where=known)
+    spread = np.where(known.any(axis=-1), total / np.maximum(known.sum(axis=-1), 1), np.nan)
+    figure = Figure(figsize=(10, 4.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    draw_map(figure, left, angle, mask, "normals", "root mean square angle [deg]")
+    draw_map(figure, right, spread, mask, "reflectance, mean of the known bands", "standard deviation")
+    figure.savefig(path, dpi=120)
+
+
+def draw_map(figure, axis, values: np.ndarray, mask: np.ndarray, title: str, label: str) -> None:
+    """Draw one map with its colour bar."""
+    from matplotlib.colors import LogNorm
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axis.imshow(np.where(mask, 0.75, 1.0), vmin=0, vmax=1, cmap="gray")
+    axis.set_title(title)
+    axis.axis("off")
+    good = values[mask & np.isfinite(values)]
+    if good.size:
+        low, high = np.percentile(good, [1, 99])
+        scale = LogNorm(low, max(high, 1.1 * low))
+        image = axis.imshow(np.where(mask, values, np.nan), norm=scale, cmap="viridis")
+        bar = figure.colorbar(image, ax=axis, label=label, extend="both")
+        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        bar.ax.yaxis.set_major_formatter("{x:g}")
+        bar.ax.yaxis.set_minor_locator(NullLocator())

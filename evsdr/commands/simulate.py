@@ -1,0 +1,128 @@
+"""`python -m evsdr.simulate scene.xml --out DIR`: record a scene with simulated event pixels."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+
+from evsdr.commands.console import print_table, run_command
+from evsdr.errors import InputError, check_range, parse_definitions
+from evsdr.events.pixel import EventPixel
+from evsdr.events.record import record
+from evsdr.files import photographs
+from evsdr.files.atomic import atomic_folder, check_folder
+from evsdr.files.events_h5 import write_recording
+from evsdr.progress import Stages
+from evsdr.records import Truth
+
+
+@dataclass(frozen=True)
+class Options:
+    """Simulate the recording of a scene, or of a stack of photographs, under a ring of LEDs."""
+
+    scene: tyro.conf.Positional[Path | None] = None
+    """Scene file; not with --frames."""
+    out: Path = field(kw_only=True)
+    """Folder for events.h5 and truth.npz."""
+    frames: Path | None = None
+    """Photographs with known lights instead of a scene: an .npz, see `evsdr/photographs.py`. Writes a
+    scene.xml too."""
+    constant_light: float | None = None
+    """C_w with --frames, 0.05 by default; a scene brings its own."""
+    rounds: int = 6
+    """Rounds of the ring."""
+    order: tuple[int, ...] | None = None
+    """LED of each slot of a round, -1 for none; by default each LED in turn."""
+    slot_us: float = 20_000.0
+    """Length of a slot [us]; in a shorter one the photoreceptor's lag weighs more."""
+    crossfade: float = 1.0
+    """Fraction of a slot's end over which an LED fades into the next; 0 is a hard switch."""
+    led_rise_us: float = 0.0
+    """Time constant of an LED's light [us]."""
+    pixel: EventPixel = EventPixel()
+    """The event pixel; by default that of an EVK4."""
+    ideal: bool = False
+    """Leave out spread, lag, shot noise, leak and hot pixels; thresholds, event noise and refractory period
+    stay."""
+    thresholds: Literal["calibrated", "nominal"] = "calibrated"
+    """What events.h5 tells of the thresholds: those of each pixel, or one nominal value."""
+    spp: int | None = None
+    """Rays per pixel; by default 16, and 64 where LEDs have a surface or light goes by way of others: such noise is not real."""
+    seed: int = 0
+    """Seed of everything random."""
+    define: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction] = field(
+        default=()
+    )
+    """name=value for a <default> parameter of the scene file; may be repeated."""
+
+
+SPP, SOFT_SPP = 16, 64
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; gives its exit status."""
+    return run_command("simulate", Options, command, argv)
+
+
+def command(options: Options) -> None:
+    """Simulate, write, print how much came out."""
+    if (options.scene is None) == (options.frames is None):
+        raise InputError("Name either a scene file or --frames, not both.")
+    for name, least in (("rounds", 1), ("spp", 1), ("seed", 0)):
+        if getattr(options, name) is not None:
+            check_range(f"--{name}", getattr(options, name), least)
+    if options.scene and options.constant_light is not None:
+        raise InputError("--constant-light goes with --frames; a scene has its own, often set by -D.")
+    if options.frames and options.define:
+        raise InputError("-D sets parameters of a scene file; leave it out with --frames.")
+    check_folder(options.out)
+    with Stages("simulate") as stages:
+        if options.frames:
+            with stages.stage("read photographs"):
+                stack = photographs.read_stack(options.frames)
+                signal, truth = stack.frames, stack.truth
+                constant_light = 0.05 if options.constant_light is None else options.constant_light
+        else:
+            with stages.stage("render"):
+                signal, truth, constant_light = render(options)
+        with stages.stage("events") as advance:
+            recording = record(signal, constant_light, options, advance)
+            if len(recording.events) < 2:
+                raise InputError(
+                    f"{options.scene or options.frames}: no event comes of it; "
+                    "check that the camera sees a lit object, and lower the thresholds or the constant light."
+                )
+        with stages.stage("write"), atomic_folder(options.out) as folder:
+            write_recording(folder / "events.h5", recording)
+            np.savez(
+                folder / "truth.npz", normal=truth.normal, reflectance=truth.reflectance, mask=truth.mask
+            )
+            if options.frames:
+                photographs.write_scene(folder / "scene.xml", stack, constant_light)
+            size = (folder / "events.h5").stat().st_size
+    n_event, n_lit = len(recording.events), np.count_nonzero(signal.max(axis=0) > 0)
+    rows = [
+        ("events", f"{n_event:,}"),
+        ("events per lit pixel", f"{n_event / max(n_lit, 1):.1f}"),
+        ("file", f"{size / 2**20:.2f} MiB"),
+        ("duration", f"{1e-6 * options.slot_us * len(recording.schedule.order) * options.rounds:.2f} s"),
+        *((f"{name} [s]", f"{seconds:.2f}") for name, seconds in stages.seconds.items()),
+    ]
+    print_table(f"{options.out / 'events.h5'}", rows)
+
+
+def render(options: Options) -> tuple[np.ndarray, Truth, float]:
+    """Render the LED images A_xj (n_led, H, W), the truth, and C_w."""
+    from evsdr import jit
+
+    jit.start()
+    from evsdr.light import scene as scenes
+
+    ring = scenes.load_scene(options.scene, parse_definitions(options.define))
+    sharp = ring.integrator.max_depth == 1 and all(e.get_shape() is None for e in ring.leds.emitter)
+    spp = options.spp or (SPP if sharp else SOFT_SPP)
+    maps = scenes.surface_maps(ring, spp, options.seed)
+    signal = scenes.led_images(ring, spp, options.seed)
+    return signal, Truth(maps.normal, maps.reflectance, maps.mask), ring.constant_light

@@ -1,0 +1,1 @@
+"""What a fit may model beside the maps, and how it decides."""

@@ -1,0 +1,128 @@
+"""Dead or swapped LEDs and hot pixels, told from events that contradict light and maps."""
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import drjit as dr
+import numpy as np
+
+from evsdr.model.illumination import Illumination
+from evsdr.model.lambert import LambertianRing
+from evsdr.solve import levenberg, trial
+from evsdr.solve.pair_data import PairData, pack_slots
+
+N_SAMPLE = 600  # pixels that show how well each LED is explained
+SUSPICIOUS = 1.4  # residual of an LED, relative to that of most, from which its light is in doubt
+N_SUSPECT = 12  # LEDs in doubt at most
+N_TRIED = 100  # pixels on which each explanation is tried
+FEWEST = 20  # pixels that can convict
+DECISIVE = 0.2  # gain of an explanation, relative to the cost of none, from which it is believed
+
+
+@dataclass(frozen=True)
+class Fault:
+    """An LED that never shines, or two that shine in each other's slots.
+
+    Attributes
+    ----------
+    leds : tuple of int
+        One dead LED, or two that are swapped.
+    """
+
+    leds: tuple
+
+    def mend(self, order: np.ndarray, dark: int = -1) -> np.ndarray:
+        """Give the order in which LEDs really shone; `dark` stands for none."""
+        order = np.asarray(order)
+        if len(self.leds) == 1:
+            return np.where(order == self.leds[0], dark, order)
+        first, second = self.leds
+        return np.where(order == first, second, np.where(order == second, first, order))
+
+    def __str__(self) -> str:
+        if len(self.leds) == 1:
+            return f"LED {self.leds[0]} gives no light"
+        return f"LEDs {self.leds[0]} and {self.leds[1]} are swapped"
+
+
+def led_residuals(pairs: PairData, light: Illumination, solution: levenberg.Solution) -> np.ndarray:
+    """Give the median of |u| of the events while each LED fades in or out, relative to that of most LEDs.
+
+    Parameters
+    ----------
+    pairs : PairData
+        Event pairs.
+    light : Illumination
+        What the LEDs send.
+    solution : levenberg.Solution
+        The maps that should explain them.
+
+    Returns
+    -------
+    (n_led,) float
+        0 for an LED that has no events.
+    """
+    offset = pairs.offset.numpy().astype(np.int64)
+    explained = (solution.noise_factor < levenberg.IGNORED) & (np.diff(offset) > solution.theta.shape[1])
+    some = np.flatnonzero(explained)
+    some = some[:: max(1, len(some) // N_SAMPLE)]
+    pixel = np.repeat(some, np.diff(offset)[some])
+    k = np.concatenate([np.arange(offset[i], offset[i + 1]) for i in some]) if len(some) else np.arange(0)
+    signal = signals_of(light, solution.theta)
+    start, coded = pairs.phases.numpy().reshape(-1, 2)[k].T
+    end, polarity = np.abs(coded) - 1, np.sign(coded)
+    leds = pairs.slot_leds.numpy()
+    now, following = leds & 0xFFFF, leds >> 16
+    veil = float(light.constant_light[0])
+
+    def intensity(phase):
+        slot = phase.astype(int)
+        fade = phase - slot
+        return (1 - fade) * signal[now[slot], pixel] + fade * signal[following[slot], pixel] + veil
+
+    gains = np.ones((len(signal[0]), 2)) if solution.threshold_gain is None else solution.threshold_gain
+    threshold = np.where(
+        polarity > 0,
+        (pairs.threshold_on.numpy() * gains[:, 0])[pixel],
+        (pairs.threshold_off.numpy() * gains[:, 1])[pixel],
+    )
+    u = np.abs(polarity * np.log(intensity(end) / intensity(start)) / threshold - 1)
+    slot = end.astype(int)
+    out = np.zeros(light.n_led)
+    for j in range(light.n_led):
+        of_led = (now[slot] == j) | (following[slot] == j)
+        out[j] = np.median(u[of_led]) if of_led.any() else 0
+    return out / max(np.median(out[out > 0]), 1e-9) if out.any() else out
+
+
+def find_fault(pairs: PairData, light: Illumination, solution: levenberg.Solution) -> Fault | None:
+    """Tell whether an LED is dead or two are swapped, where the residuals leave a doubt.
+
+    Each explanation is tried on a few pixels: it must explain their events decisively better than none does.
+    """
+    residual = led_residuals(pairs, light, solution)
+    if residual.max() < SUSPICIOUS:
+        return None
+    suspects = sorted(np.argsort(-residual)[:N_SUSPECT].tolist())
+    faults = [Fault((j,)) for j in suspects] + [Fault(two) for two in combinations(suspects, 2)]
+    explained = np.flatnonzero(np.diff(pairs.offset.numpy().astype(np.int64)) > solution.theta.shape[1])
+    pixel = np.random.default_rng(0).permutation(explained)[:N_TRIED]
+    if len(pixel) < FEWEST:
+        return None
+    few = trial.of_pixels(pairs, pixel)
+    now = pairs.slot_leds.numpy()[:-1] & 0xFFFF
+    orders = [now] + [fault.mend(now, light.n_led) for fault in faults]
+    cases = [replace(few, slot_leds=type(pairs.slot_leds)(pack_slots(o, light.n_led))) for o in orders]
+    cost = trial.costs(cases, light, pixel, solution.threshold_gain is not None).sum(axis=1)
+    best = int(np.argmin(cost[1:]))
+    return faults[best] if cost[0] - cost[1 + best] > DECISIVE * abs(cost[0]) else None
+
+
+def signals_of(light: Illumination, theta: np.ndarray) -> np.ndarray:
+    """Give A_xj (n_led + 1, n_pixel); the last row is darkness."""
+    Float = type(light.constant_light)
+    columns = [Float(np.ascontiguousarray(c, np.float32)) for c in theta.T]
+    reflectance = [dr.exp(c) for c in columns[2 : 2 + light.n_band]]
+    signal, _, _ = LambertianRing(light)(columns[0], columns[1], reflectance, Float(light.horizon))
+    rows = [np.broadcast_to(s.numpy(), len(theta)) for s in signal]
+    return np.stack([*rows, np.zeros(len(theta))])

@@ -1,0 +1,1 @@
+"""Events: the ring's phase, event pixels, photoreceptors, pairs."""

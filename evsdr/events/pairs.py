@@ -1,0 +1,158 @@
+"""Pairs of consecutive events of a pixel, the measurements that the solver explains."""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from evsdr.errors import InputError, InputWarning
+from evsdr.events.pair_kernel import list_silences, pair, sort_by_pixel
+from evsdr.events.phase import phase, position
+from evsdr.events.photoreceptor import Photoreceptors
+from evsdr.records import Recording
+
+TOO_CLOSE_SHARE = 0.05  # of pairs within the refractory period, before a warning
+CHUNK = 1 << 17  # times whose phases are computed together: they stay in the cache
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Event pairs, pixel after pixel (row after row) and in time order within each.
+
+    Attributes
+    ----------
+    offset : (n_pixel + 1,) uint32
+        Pairs of pixel i = y * width + x are offset[i] .. offset[i+1].
+    phase_start, phase_end : (n_pair,) float32
+        Phase of the ring (slot + crossfade fraction), 0 <= phase < n_slot, when the reference intensity is
+        memorised and when the event fires.
+    polarity : (n_pair,) int8
+        +1 (brighter) or -1 of the event that ends the pair.
+    n_event : int
+        Events looked at.
+    n_dropped : int
+        Pairs left out: not within the rounds, or closer than the refractory period.
+    silent_offset : (n_pixel + 1,) uint32
+        Silent probes of pixel i are silent_offset[i] .. silent_offset[i+1].
+    silent_start, silent_probe : (n_probe,) float32
+        Phase at which the reference was memorised, and the start of a later slot until which no event has
+        fired. A silence longer than a round is probed for one round.
+    """
+
+    offset: np.ndarray
+    phase_start: np.ndarray
+    phase_end: np.ndarray
+    polarity: np.ndarray
+    n_event: int
+    n_dropped: int
+    silent_offset: np.ndarray
+    silent_start: np.ndarray
+    silent_probe: np.ndarray
+
+
+def pair_events(
+    recording: Recording, mask: np.ndarray | None = None, receptors: Photoreceptors | None = None
+) -> Pairs:
+    """Pair each event with the one before it in its pixel.
+
+    Two events at t_(k-1) and t_k say log I(t_k) - log I(t_(k-1) + refractory) = p_k C, so a pair starts at
+    t_(k-1) + refractory and ends at t_k.
+
+    Parameters
+    ----------
+    recording : Recording
+        Events in time order.
+    mask : (H, W) bool, optional
+        Pixels whose events count; all by default.
+    receptors : Photoreceptors, optional
+        What pixels show; by default log I itself. Phases are those at which the light was what they show.
+
+    Raises
+    ------
+    InputError
+        No pair remains.
+
+    Warns
+    -----
+    InputWarning
+        Many events follow another within the refractory period.
+    """
+    events, sensor = recording.events, recording.sensor
+    if mask is None:
+        mask = np.ones((sensor.height, sensor.width), bool)
+    offset, p, t = sort_by_pixel(events.x, events.y, events.p, events.t, mask)
+    phases = *_single_phase(t, recording), *_single_phase(t + sensor.refractory_us, recording)
+    fired, fired_inside, memorised, memorised_inside = phases
+    if receptors:
+        pixel = np.repeat(np.arange(mask.size, dtype=np.int32), np.diff(offset))
+        fired, memorised = _shown(receptors, t, p, pixel, recording)
+    refractory_us = float(sensor.refractory_us)
+    told = fired, fired_inside, memorised, memorised_inside
+    pair_offset, start, end, polarity, n_dropped, n_close = pair(offset, p, t, *told, refractory_us)
+    if not len(end):
+        raise InputError(
+            "No two events of a pixel follow each other within the rounds of the ring; "
+            "check the triggers or start_us, refractory_us, and the mask."
+        )
+    too_close = n_close / (len(end) + n_dropped)
+    if too_close > TOO_CLOSE_SHARE:
+        warnings.warn(
+            InputWarning(
+                f"{too_close:.0%} of the event pairs lie within refractory_us of the sensor, "
+                f"{sensor.refractory_us:g} us; it is probably too long."
+            ),
+            stacklevel=2,
+        )
+    schedule, rounds = recording.schedule, recording.round_start_us
+    last_us = rounds[-1] - 1e-3 if len(rounds) > 1 else float(t.max())
+    last_phase, last_inside = (value[0] for value in _single_phase(np.array([last_us]), recording))
+    silent_offset, silent_start, silent_probe = list_silences(
+        offset,
+        t,
+        *phases,
+        memorised,
+        refractory_us,
+        float(schedule.slot_us),
+        len(schedule.order),
+        (float(last_us), float(last_phase), bool(last_inside)),
+    )
+    if receptors:
+        pixel = np.repeat(np.arange(mask.size, dtype=np.int32), np.diff(silent_offset))
+        silent_probe = receptors.shown(silent_probe.astype(np.float64), pixel)
+    return Pairs(
+        offset=pair_offset,
+        phase_start=start,
+        phase_end=end,
+        polarity=polarity,
+        n_event=len(t),
+        n_dropped=n_dropped,
+        silent_offset=silent_offset,
+        silent_start=silent_start,
+        silent_probe=silent_probe,
+    )
+
+
+def _single_phase(t_us: np.ndarray, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Give phases in float32; what rounds up to n_slot becomes 0, where the light is the same."""
+    single, inside = np.empty(len(t_us), np.float32), np.empty(len(t_us), bool)
+    for k in range(0, len(t_us), CHUNK):
+        part = slice(k, k + CHUNK)
+        single[part], inside[part] = phase(t_us[part], recording.schedule, recording.round_start_us)
+    single[single >= len(recording.schedule.order)] = 0
+    return single, inside
+
+
+def _shown(
+    receptors: Photoreceptors, t_us: np.ndarray, p: np.ndarray, pixel: np.ndarray, recording: Recording
+) -> tuple[np.ndarray, np.ndarray]:
+    """Give phases at which the light was what photoreceptors show when events fire, and when it is memorised."""
+    fired, memorised = np.empty(len(t_us), np.float32), np.empty(len(t_us), np.float32)
+    refractory_us, schedule = recording.sensor.refractory_us, recording.schedule
+    for k in range(0, len(t_us), CHUNK):
+        part = slice(k, k + CHUNK)
+        at, _ = position(t_us[part], schedule, recording.round_start_us)
+        polarity = 2.0 * p[part] - 1
+        fired[part] = receptors.shown(at, pixel[part], polarity)
+        at, _ = position(t_us[part] + refractory_us, schedule, recording.round_start_us)
+        memorised[part] = receptors.shown(at, pixel[part], polarity)
+    return fired, memorised

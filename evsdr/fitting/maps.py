@@ -1,0 +1,87 @@
+"""From a problem to maps: the solvers with their settings, and what their solutions look like as images."""
+
+import numpy as np
+from scipy import ndimage
+
+from evsdr.light.scene import RingScene
+from evsdr.records import Maps
+from evsdr.solve import levenberg
+from evsdr.solve.problem import Problem
+from evsdr.solve.unknowns import normal_sigma_deg
+
+KNOWN_SIGMA_DEG = 30.0  # a normal known worse than this is not known
+MODEL_NORMAL_DEG, MODEL_REFLECTANCE = 0.05, 0.01  # what the model leaves out: degrees, share of reflectance
+# the same, times the squared turn of the normal over a pixel [rad]
+CURVED_NORMAL, CURVED_REFLECTANCE = 0.2, 0.5
+
+
+def assemble_maps(
+    problem: Problem, solution: levenberg.Solution, shape: tuple[int, int], ring: RingScene
+) -> Maps:
+    """Lay the solution out as images.
+
+    A pixel without information keeps the values of the nearest one that has it, and says so in mask and
+    sigma; a band that is never lit says so in sigma. With no constant light the scale of each pixel is unknown; its
+    largest band is then 1.
+    """
+    theta = solution.theta.astype(float)
+    normal = np.column_stack([-theta[:, 0], -theta[:, 1], np.ones(len(theta))])
+    height = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= height
+    reflectance = np.exp(theta[:, 2:])
+    sigma = normal_sigma_deg(theta[:, 0], theta[:, 1], solution.covariance[:, :2, :2])
+    variance = np.diagonal(solution.covariance, axis1=1, axis2=2)
+    turn = normal_turn(normal, problem.grid.mask)
+    sigma = np.sqrt(sigma**2 + MODEL_NORMAL_DEG**2 + np.degrees(CURVED_NORMAL * turn**2) ** 2)
+    relative = variance[:, 2:] + (MODEL_REFLECTANCE**2 + (CURVED_REFLECTANCE * turn**2) ** 2)[:, None]
+    reflectance_sigma = reflectance * np.sqrt(np.maximum(relative, 0))
+    if ring.constant_light == 0:
+        scale = 1 / reflectance.max(axis=1, keepdims=True)
+        reflectance, reflectance_sigma = reflectance * scale, reflectance_sigma * scale
+    led = problem.pairs.slot_leds.numpy() & 0xFFFF
+    reflectance_sigma[:, ~lit_bands(led, problem.illumination.band)] = 1
+    sound = (variance > 0).all(axis=1)  # rounding can spoil an inverse
+    known = problem.fired & sound & (sigma < KNOWN_SIGMA_DEG)
+
+    def image(values, elsewhere):
+        out = np.full((shape[0] * shape[1], *values.shape[1:]), elsewhere, np.float32)
+        out[problem.pixel] = values
+        return out.reshape(*shape, *values.shape[1:])
+
+    mask = image(known, 0) > 0
+    solved = image(np.ones(len(known)), 0) > 0
+    maps = Maps(
+        normal=image(normal, 0),
+        reflectance=image(reflectance, 0),
+        mask=mask,
+        normal_sigma_deg=image(np.where(known, sigma, 180), 180),
+        reflectance_sigma=image(np.where(known[:, None], np.minimum(reflectance_sigma, 1), 1), 1),
+        band_wavelength_nm=ring.leds.band_wavelength_nm.astype(np.float32),
+    )
+    nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    fill = solved & ~mask if mask.any() else np.zeros_like(mask)
+    maps.normal[fill] = maps.normal[tuple(nearest[:, fill])]
+    maps.reflectance[fill] = maps.reflectance[tuple(nearest[:, fill])]
+    maps.normal[~solved] = (0, 0, 1)
+    return maps
+
+
+def lit_bands(order: np.ndarray, band: list[int]) -> np.ndarray:
+    """Tell which bands (n_band,) the LEDs of some slots have; numbers of no LED mean darkness."""
+    order = np.asarray(order).astype(np.int64)
+    lit = np.asarray(band)[order[(order >= 0) & (order < len(band))]]
+    return np.isin(np.arange(max(band) + 1), lit)
+
+
+def normal_turn(normal: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Give the angle by which the normal turns over each pixel (n_pixel) [rad], from its neighbours (n_pixel, 3)."""
+    image = np.full((*mask.shape, 3), np.nan)
+    image[mask] = normal
+    square = np.zeros(mask.shape)
+    for axis in (0, 1):
+        step = np.linalg.norm(np.diff(image, axis=axis), axis=-1)
+        sides = [np.insert(step, place, np.nan, axis=axis) for place in (0, step.shape[axis])]
+        both = np.stack(sides)
+        known = np.isfinite(both).sum(axis=0)
+        square += (np.nansum(both, axis=0) / np.maximum(known, 1)) ** 2
+    return np.sqrt(square[mask])

@@ -1,0 +1,173 @@
+"""What a fit says of itself: warnings, and what it modelled, left out, and why."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from evsdr import __version__
+from evsdr.effects.wiring import Fault
+from evsdr.effects.world import Fitted, Observations
+from evsdr.errors import InputWarning
+from evsdr.fitting.maps import lit_bands
+from evsdr.light.scene import RingScene
+from evsdr.records import Recording
+from evsdr.solve import levenberg
+
+WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
+CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
+CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are worth a warning
+MISFIT = 0.5  # relative threshold noise above which events and scene contradict each other
+
+
+def warn(sentence: str) -> None:
+    """Warn the user of their input."""
+    warnings.warn(InputWarning(sentence))
+
+
+def warn_of_fault(path: Path, fault: Fault) -> None:
+    """Say that the ring did not shine as told."""
+    warn(
+        f"{path}: {fault}, say the events, and the fit took that for true; check the ring and schedule/order."
+    )
+
+
+def warn_of_what_was_found(options, ring: RingScene, seen: Observations, fitted: Fitted) -> None:
+    """Say what a fit found that its user should look into."""
+    noise = fitted.solution.noise
+    if ring.constant_light == 0:
+        warn(
+            f"{options.scene}: constant_light is 0, so the scale of reflectance is unknown and the "
+            "largest band of each pixel is set to 1; measure the constant light and write it there."
+        )
+    if not fitted.maps.mask.any():
+        warn(f"{options.events}: no pixel is known; record more rounds, or with less constant light.")
+    if noise > MISFIT:
+        warn(
+            f"{options.events}: the events contradict {options.scene}, their thresholds scatter by "
+            f"{noise:.0%}; check order, slot_us, triggers, thresholds and constant_light."
+        )
+        return
+    warn_of_hot_pixels(options.events, seen, fitted)
+    for name, values in sensor_summary(seen.recording, fitted).items():
+        if abs(np.log(values["found"] / values["told"])) > WRONG_THRESHOLD:
+            warn(
+                f"{options.events}: {name} is told as {values['told']:.3g} but the events say "
+                f"{values['found']:.3g}; the latter was used: "
+                "check the camera's biases, or the surface is not matt."
+            )
+
+
+def warn_of_hot_pixels(path: Path, seen: Observations, fitted: Fitted) -> None:
+    """Say how many pixels fire events that the light does not explain."""
+    pixel = fitted.problem.pixel
+    contrary = seen.hot.ravel()[pixel] | (fitted.solution.noise_factor > CONTRARY)
+    if np.count_nonzero(contrary) < max(CONTRARY_COUNT, CONTRARY_SHARE * len(contrary)):
+        return
+    count = np.diff(seen.pairs.offset.astype(np.int64))[pixel]
+    often = np.median(count[contrary]) > 2 * np.median(count[~contrary]) if not contrary.all() else False
+    cause = (
+        "they fire more often than the others, so they are probably hot: mask them in the camera"
+        if often
+        else "gloss, a shadow that is not modelled, or other light may be the cause"
+    )
+    warn(
+        f"{path}: {contrary.mean():.0%} of the pixels fire events that the light of the ring does not explain; "
+        f"{cause}. Their values come from their neighbours."
+    )
+
+
+def summarise(options, model: dict, seen: Observations, fitted: Fitted, refractory: dict) -> dict:
+    """Give the summary of a fit, without its error against a truth.
+
+    Parameters
+    ----------
+    options : fit.Options
+    model : dict of str
+        What was modelled, what was left out, and why.
+    refractory : dict
+        See `sensor_choice.choose_refractory`.
+    """
+    pairs, solution = seen.pairs, fitted.solution
+    return {
+        "evsdr": __version__,
+        "scene": str(options.scene),
+        "events": str(options.events),
+        "solver": options.solver,
+        "preset": options.preset,
+        "model": model,
+        "numbers": {
+            "events": pairs.n_event,
+            "pairs": int(pairs.offset[-1]),
+            "pairs_dropped": pairs.n_dropped,
+            "pixels_solved": fitted.problem.n_pixel,
+            "pixels_known": int(np.count_nonzero(fitted.maps.mask)),
+            "steps": solution.n_step,
+        },
+        "sensor": sensor_summary(seen.recording, fitted) | {"refractory_us": refractory},
+        "residual": {"relative_threshold_noise": solution.noise},
+    }
+
+
+def sensor_summary(recording: Recording, fitted: Fitted) -> dict:
+    """Say which thresholds were found, how they scatter over the pixels, and how well one is known."""
+    solution, known = fitted.solution, fitted.maps.mask.ravel()[fitted.problem.pixel]
+    if solution.threshold_gain is None or not known.any():
+        return {}
+    gain, sigma = solution.threshold_gain[known], solution.threshold_gain_sigma[known]
+    out = {}
+    for i, name in enumerate(("contrast_threshold_on", "contrast_threshold_off")):
+        told = float(np.mean(getattr(recording.sensor, name)))
+        spread = 1.4826 * np.median(np.abs(gain[:, i] - np.median(gain[:, i])))
+        out[name] = {
+            "told": told,
+            "found": told * float(np.median(gain[:, i])),
+            "spread_over_pixels": told * float(spread),
+            "sigma_of_a_pixel": told * float(np.median(gain[:, i] * sigma[:, i])),
+        }
+    return out
+
+
+def solver_notes(solver: str, priors: tuple[str, ...], solution: levenberg.Solution) -> dict:
+    """Say what of the events the solver used."""
+    if solver == "adam":
+        return {
+            "silence": "not used: the solver adam looks at events only",
+            "event times": "not used",
+            "neighbours": "blurred, as published",
+        }
+    return {
+        "silence": "used: between events log I stays within the thresholds",
+        "event times": "their density counts, with its slope term",
+        "neighbours": prior_note(priors, solution),
+    }
+
+
+def prior_note(parts: tuple[str, ...], solution) -> str:
+    """Say which priors count, and how strong the data make them."""
+    if not parts:
+        return "each pixel alone: asked for by --priors none"
+    what = {
+        "normal": "normals bend by {:.2g} per pixel squared",
+        "integrable": "slopes around four pixels add up to {:.2g}",
+        "reflectance": "log reflectances bend by {:.2g}",
+        "rank": "spectra vary visibly in {} directions",
+    }
+    found = [what[name].format(value) for name, value in solution.prior_scale.items()]
+    return "; ".join(found) or "too few pixels to learn from"
+
+
+def band_note(recording: Recording, ring: RingScene) -> str:
+    """Say which bands are recovered, and with what quadrature."""
+    lit = lit_bands(recording.schedule.order, ring.leds.band)
+    if lit.all():
+        return f"all {len(lit)}, one reflectance each: LEDs of a band share its spectrum, so no quadrature is needed"
+    dark = ", ".join(f"{nm:.0f} nm" for nm in ring.leds.band_wavelength_nm[~lit])
+    return f"{lit.sum()} of {len(lit)}: order lights no LED of {dark}, whose reflectance has a sigma of 1"
+
+
+def scale_note(ring: RingScene) -> str:
+    """Say whether reflectance is absolute."""
+    if ring.constant_light > 0:
+        return f"absolute, by the constant light of {ring.constant_light:g}"
+    return "unknown: without constant light reflectance is known up to one factor per pixel; its largest band is 1"

@@ -1,0 +1,87 @@
+"""What the camera sees of the object's geometry and materials."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from evsdr.integrators.ring import camera_frame, find_object, pixel_mean, rotate
+from evsdr.light.camera import camera_geometry
+from evsdr.light.scene import RingScene
+from evsdr.model import quadrature
+from evsdr.records import Maps
+
+TRUTH_NODES = 16  # of the quadrature of true reflectances: four times those of the renderer
+
+
+def _central(ring: RingScene) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
+    """Give what the pixels' centres see, and whether that is the object."""
+    pixel = dr.arange(mi.UInt32, ring.height * ring.width)
+    place = mi.Point2f(pixel % ring.width, pixel // ring.width) + 0.5
+    ray, _ = ring.sensor.sample_ray(0.0, 0.5, place / mi.Point2f(ring.width, ring.height), mi.Point2f(0.5))
+    si = ring.scene.ray_intersect(ray)
+    return si, si.is_valid() & (si.shape == find_object(ring.scene))
+
+
+def object_normals(ring: RingScene) -> np.ndarray:
+    """Give the normals (height, width, 3) of the object at pixel centres, camera frame; (0, 0, 1) elsewhere."""
+    si, seen = _central(ring)
+    normal = rotate(camera_frame(ring.sensor), dr.mulsign(si.sh_frame.n, si.wi.z))
+    normal = dr.select(seen, normal, mi.Vector3f(0, 0, 1))
+    return np.stack([n.numpy() for n in normal], axis=-1).reshape(ring.height, ring.width, 3)
+
+
+def object_depth(ring: RingScene) -> np.ndarray:
+    """Give the depth (height, width) of the object at pixel centres [scene units]; 0 where it is not seen."""
+    si, seen = _central(ring)
+    _, to_world = camera_geometry(ring.sensor)
+    distance = dr.dot(mi.Point3f(to_world[:3, 3]) - si.p, mi.Vector3f(to_world[:3, 2]))
+    return dr.select(seen, distance, 0.0).numpy().reshape(ring.height, ring.width)
+
+
+def _fine_quadrature(spectrum: np.ndarray) -> list[tuple[mi.Spectrum, mi.Spectrum]]:
+    """Give nodes and weights in packets of four, more of them than the renderer uses."""
+    rule = quadrature.gauss_quadrature(spectrum, TRUTH_NODES)
+    return [
+        tuple(mi.Spectrum(part.tolist()) for part in pair) for pair in zip(*(q.reshape(-1, 4) for q in rule))
+    ]
+
+
+def surface_maps(ring: RingScene, spp: int, seed: int = 0) -> Maps:
+    """Give the true normals and band reflectances of the object, averaged over each pixel's area.
+
+    The mask holds the pixels that the object covers whole. Reflectance is that of diffuse reflection.
+    """
+    leds, frame = ring.leds, camera_frame(ring.sensor)
+    packets = [_fine_quadrature(spectrum) for spectrum in leds.band_spectrum]
+    target = find_object(ring.scene)
+
+    def measure(si, ray, rng, active):
+        active = active & si.is_valid() & (si.shape == target)
+        normal = rotate(frame, dr.mulsign(si.sh_frame.n, si.wi.z))
+        values = [mi.Float(1.0), *normal]
+        bsdf = si.bsdf(ray)
+        for band in packets:
+            total = mi.Float(0.0)
+            for nodes, weights in band:
+                si.wavelengths = nodes
+                total += dr.sum(weights * bsdf.eval_diffuse_reflectance(si, active))
+            values.append(total)
+        return [dr.select(active, v, 0.0) for v in values]
+
+    values = pixel_mean(ring.scene, ring.sensor, spp, seed, 4 + leds.n_band, measure)
+    dr.eval(values)
+    shape = (ring.height, ring.width)
+    coverage, *values = (v.numpy().reshape(shape) for v in values)
+    mask = coverage > 1 - 1e-4
+    normal = np.stack(values[:3], axis=-1)
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = np.where(length > 0, normal / np.maximum(length, 1e-12), [0, 0, 1])
+    reflectance = np.stack(values[3:], axis=-1) / np.maximum(coverage, 1e-6)[..., None]
+    return Maps(
+        normal=normal.astype(np.float32),
+        reflectance=reflectance.astype(np.float32),
+        mask=mask,
+        normal_sigma_deg=np.zeros(shape, np.float32),
+        reflectance_sigma=np.zeros_like(reflectance, dtype=np.float32),
+        band_wavelength_nm=leds.band_wavelength_nm.astype(np.float32),
+    )

@@ -1,0 +1,150 @@
+"""The thin layer over Mitsuba: a scene.xml as the rest of evsdr sees it."""
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from evsdr.errors import InputError
+from evsdr.integrators.leds import Leds
+from evsdr.integrators.ring import RingIntegrator, find_object
+
+
+@dataclass(frozen=True)
+class RingScene:
+    """A loaded scene with its ring.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    scene, integrator, sensor
+        Mitsuba's objects.
+    leds : Leds
+        The ring.
+    height, width : int
+        Film [pixels].
+    constant_light : float
+        C_w.
+    """
+
+    path: Path
+    scene: mi.Scene
+    integrator: RingIntegrator
+    sensor: mi.Sensor
+    leds: Leds
+    height: int
+    width: int
+    constant_light: float
+
+    @property
+    def is_near(self) -> bool:
+        """Whether any LED is at finite distance."""
+        return not all(self.leds.is_far(j) for j in range(self.leds.n_led))
+
+    @property
+    def shape_is_known(self) -> bool:
+        """False where the object is a `rectangle`, which stands for an unknown shape."""
+        return all(s.class_name() != "Rectangle" for s in self.scene.shapes() if s.id() == "object")
+
+
+def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
+    """Load and check a scene.xml.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    define : dict, optional
+        Values for the file's `<default>` parameters.
+
+    Raises
+    ------
+    InputError
+        The file is missing or wrong.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give the path of a scene.xml.")
+    try:
+        scene = mi.load_file(str(path), optimize=False, **(define or {}))
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise InputError(
+            f"{path}: Mitsuba can't load it: {_in_one_line(error)}; correct the file, or what -D sets in it."
+        ) from error
+    if not isinstance(scene, mi.Scene):
+        raise InputError(f"{path}: it is not a scene; its root element must be <scene>.")
+    integrator = scene.integrator()
+    if not isinstance(integrator, RingIntegrator):
+        raise InputError(f'{path}: its integrator is not the ring; write <integrator type="ring">.')
+    sensors = scene.sensors()
+    sensor = next((s for s in sensors if s.id() == "camera"), sensors[0] if len(sensors) == 1 else None)
+    if sensor is None:
+        raise InputError(f'{path}: no sensor has id="camera"; add one, orthographic or perspective.')
+    if sensor.class_name() not in ("OrthographicCamera", "PerspectiveCamera"):
+        raise InputError(f'{path}: the sensor "camera" must be orthographic or perspective; change its type.')
+    width, height = (int(n) for n in sensor.film().crop_size())
+    if width * height == 0:
+        raise InputError(f"{path}: the film is {width} x {height} pixels; make it as large as the sensor.")
+    if integrator.max_depth != int(integrator.max_depth):
+        raise InputError(f"{path}: max_depth is {integrator.max_depth:g}; it must be an integer, 1 or more.")
+    try:
+        leds = integrator.leds(scene)
+        find_object(scene)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; see scenes/README.md for a scene that works.") from error
+    if not 2 <= leds.n_led <= 256:
+        raise InputError(
+            f"{path}: the number of LEDs is {leds.n_led}; write 2 to 256, led_00, led_01 and so on."
+        )
+    constant_light = float(integrator.constant_light[0])
+    if not constant_light >= 0 or not np.isfinite(constant_light):
+        raise InputError(f"{path}: constant_light is {constant_light:g}; it must be 0 or more.")
+    return RingScene(path, scene, integrator, sensor, leds, height, width, constant_light)
+
+
+def _in_one_line(error: Exception) -> str:
+    """Leave out what speaks of Mitsuba's own source: traceback, file and line."""
+    text = re.sub(r"Traceback \(most recent call last\):.*\n", "", str(error).strip(), flags=re.DOTALL)
+    text = re.sub(r"\[\w+\.cpp:\d+\] |\b[A-Z]\w+Error: ", "", text)
+    return re.sub(r"\s*\n[\s-]*", " ", text).rstrip(".!")
+
+
+def with_object(ring: RingScene, position: np.ndarray, face: np.ndarray) -> RingScene:
+    """Put a triangle mesh in the place of the object; all else stays, occluders too.
+
+    Parameters
+    ----------
+    position : (n_vertex, 3) float
+        Vertices in the world.
+    face : (n_face, 3) int
+        Vertices of each triangle.
+    """
+    mesh = mi.Mesh("object", len(position), len(face))
+    mesh.set_id("object")
+    _move(mesh, position, face)
+    others = [s for s in ring.scene.shapes() if s.id() != "object"]
+    lights = [e for e in ring.scene.emitters() if e.get_shape() is None]
+    parts = [ring.integrator, ring.sensor, mesh, *others, *lights]
+    names = [part.id() for part in parts]
+    scene = mi.load_dict({"type": "scene"} | {f"part_{i}": part for i, part in enumerate(parts)})
+    for part, name in zip(parts, names):
+        part.set_id(name)  # the dictionary has renamed them
+    return replace(ring, scene=scene, leds=ring.integrator.leds(scene))
+
+
+def move_object(ring: RingScene, position: np.ndarray, face: np.ndarray) -> None:
+    """Move the vertices of a mesh from `with_object`; as many vertices and triangles as it has."""
+    scene = mi.traverse(ring.scene)
+    scene["object.vertex_positions"] = mi.Float(np.ravel(position).astype(np.float32))
+    scene["object.faces"] = mi.UInt32(np.ravel(face).astype(np.uint32))
+    scene.update()
+
+
+def _move(mesh: mi.Mesh, position: np.ndarray, face: np.ndarray) -> None:
+    part = mi.traverse(mesh)
+    part["vertex_positions"] = mi.Float(np.ravel(position).astype(np.float32))
+    part["faces"] = mi.UInt32(np.ravel(face).astype(np.uint32))
+    part.update()

@@ -1,0 +1,1 @@
+"""What a ring can tell, and how well."""

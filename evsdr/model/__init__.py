@@ -1,0 +1,1 @@
+"""The forward model on Dr.Jit arrays: light, surfaces, cameras."""

@@ -1,0 +1,150 @@
+"""Gloss: a white specular lobe beside the Lambertian signal; angular gate and robust width do without.
+
+A_xj = R_xb max(0, n_x . l_xj) E_xj + k_x s(n_x, l_xj, v_x) E_xj,      E_xj = V g INT D E_j
+
+The second term does not scale with the band reflectance, so `GlossyRing` gives the derivative by its
+logarithm apart from the signal. Nothing here knows Mitsuba.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+
+from evsdr.model.illumination import Illumination
+from evsdr.model.lambert import LambertianRing
+
+INDEX = 1.5  # of refraction of the coating
+
+
+# ---------------------------------------------------------------------- lobes
+
+
+@dataclass(frozen=True)
+class BlinnPhong:
+    """k (n . h)^m, for a lit surface (EventSpecPS supplement, eq. 7).
+
+    Attributes
+    ----------
+    shape : Float, width 1 or n_pixel
+        m, shininess.
+    strength : Float, width 1 or n_pixel
+        k, in the unit of band reflectance.
+    """
+
+    shape: object
+    strength: object
+
+    STARTS = (8.0, 32.0, 128.0)  # shapes to start a search from
+    RANGE = (1.0, 2000.0)
+
+    def __call__(self, normal, light, view):
+        """Give the lobe and its gradient by the normal.
+
+        Parameters
+        ----------
+        normal, light, view : Array3f
+            Unit vectors.
+
+        Returns
+        -------
+        value : Float
+        gradient : Array3f
+            The normal's length is left free.
+        """
+        half = dr.normalize(light + view)
+        cosine = dr.maximum(dr.dot(normal, half), 1e-3)
+        lit = dr.dot(normal, light) > 0
+        value = dr.select(lit, self.strength * dr.exp(self.shape * dr.log(cosine)), 0.0)
+        return value, (self.shape * value / cosine) * half
+
+
+@dataclass(frozen=True)
+class RoughCoating:
+    """k times the reflection of a rough dielectric of index 1.5.
+
+    Trowbridge-Reitz facets, Smith's shadowing, Fresnel: D F G / (4 n.v n.l), times n.l and, for the unit of
+    signals, pi. Walter et al., "Microfacet models for refraction through rough surfaces", EGSR 2007,
+    eqs. 20, 22, 33, 34. A clean coating has k = 1.
+
+    Attributes
+    ----------
+    shape : Float, width 1 or n_pixel
+        alpha, roughness.
+    strength : Float, width 1 or n_pixel
+        k.
+    """
+
+    shape: object
+    strength: object
+
+    STARTS = (0.08, 0.16, 0.32)
+    RANGE = (0.02, 0.8)
+
+    def __call__(self, normal, light, view):
+        """As `BlinnPhong.__call__`."""
+        half = dr.normalize(light + view)
+        to_half, to_light, to_view = (dr.dot(normal, d) for d in (half, light, view))
+        to_half, to_light, to_view = (dr.clip(c, 0.0, 1.0) for c in (to_half, to_light, to_view))
+        square = dr.square(self.shape)
+        base = dr.square(to_half) * (square - 1.0) + 1.0
+        facets = 0.25 * square * self.strength * fresnel(dr.dot(half, light)) / dr.square(base)
+        root_l, root_v = (
+            dr.sqrt(dr.square(c) * (1.0 - square) + square) for c in (to_light, to_view)
+        )  # n.x + root is 2 n.x / G1
+        shadow_l, shadow_v = 2.0 * to_light / (to_light + root_l), 2.0 / (to_view + root_v)
+        value = facets * shadow_l * shadow_v
+        by_half = value * 4.0 * to_half * (1.0 - square) / base
+        by_light = facets * shadow_v * 2.0 * square / (root_l * dr.square(to_light + root_l))
+        by_view = -0.5 * value * shadow_v * (1.0 + to_view * (1.0 - square) / root_v)
+        lit = to_light > 0
+        gradient = by_half * half + by_light * light + by_view * view
+        return dr.select(lit, value, 0.0), dr.select(lit, gradient, 0.0)
+
+
+def fresnel(cosine, index: float = INDEX):
+    """Give the unpolarised reflectance of a dielectric, for the cosine of the angle of incidence."""
+    inner = dr.sqrt(index**2 - 1.0 + dr.square(cosine))
+    parallel = (index**2 * cosine - inner) / (index**2 * cosine + inner)
+    return 0.5 * (dr.square((cosine - inner) / (cosine + inner)) + dr.square(parallel))
+
+
+# ---------------------------------------------------------------------- forward model
+
+
+@dataclass(frozen=True)
+class GlossyRing:
+    """The forward model of a glossy surface, for the solver: `shading.LambertianRing` and a lobe.
+
+    Attributes
+    ----------
+    illumination : Illumination
+    lobe : BlinnPhong or RoughCoating
+    view : Array3f, width 1 or n_pixel, optional
+        Unit vectors from surface to camera, camera frame; None is the axis of an orthographic camera.
+    """
+
+    illumination: Illumination
+    lobe: object
+    view: object = None
+
+    def __call__(self, p, q, reflectance: list, softness):
+        """Evaluate the model; arguments as those of `LambertianRing`.
+
+        Returns
+        -------
+        signal, by_p, by_q, by_log_reflectance : list of Float, (n_led) of width n_pixel
+            A_xj, dA/dp, dA/dq, and the derivative by the log reflectance of the LED's band: the diffuse part.
+        """
+        diffuse, by_p, by_q = LambertianRing(self.illumination)(p, q, reflectance, softness)
+        inv = dr.rsqrt(1.0 + p * p + q * q)
+        Array3f = type(self.illumination.direction[0])
+        normal = Array3f(-p * inv, -q * inv, inv)
+        view = Array3f(0, 0, 1) if self.view is None else self.view
+        signal = []
+        for j, (d, irradiance) in enumerate(zip(self.illumination.direction, self.illumination.irradiance)):
+            value, gradient = self.lobe(normal, d, view)
+            along = dr.dot(gradient, normal)
+            signal.append(diffuse[j] + irradiance * value)
+            by_p[j] += irradiance * inv * (along * normal.x - gradient.x)
+            by_q[j] += irradiance * inv * (along * normal.y - gradient.y)
+        return signal, by_p, by_q, diffuse

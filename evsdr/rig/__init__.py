@@ -1,0 +1,1 @@
+"""The real ring, cameras and their files."""

@@ -1,0 +1,373 @@
+"""The ring of 24 LEDs at a serial port: open, configure, run, stop, and know what was lit when."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+
+import numpy as np
+import serial
+from serial.tools import list_ports
+
+from evsdr.errors import InputError
+from evsdr.rig.protocol import BAUD, BOOT_S, PROTOCOL, Link, RingLost, RingRefused
+
+N_LED = 24
+MAX_SLOTS = 64
+SLOT_US = (200, 1_000_000)
+MAX_ROUNDS = 999_999_999
+MAX_ON_US = 2_000_000  # in a row; the firmware enforces it
+PERIOD = 256  # cycles of the carrier
+CYCLES_PER_US = 16
+ALIVE_S = 0.01  # between two keep-alives; the firmware waits for 40 ms
+USB = {(0x2341, None), (0x2A03, None), (0x1A86, 0x7523), (0x0403, 0x6001)}  # Arduino, CH340, FTDI
+CAUSES = {"done": "done", "stop": "stopped", "none": "reset"}  # all others: the firmware's watchdog
+
+
+@dataclass(frozen=True)
+class RingSettings:
+    """What the ring shall do.
+
+    Attributes
+    ----------
+    order : tuple of int
+        LED of each slot of a round, 0 to 23, -1 for none; 64 slots at most. Neighbours that fade into each
+        other must lie on different chains, one even, one odd.
+    slot_us : float
+        Length of a slot [us], 200 to 1,000,000, in whole microseconds.
+    crossfade : float
+        Fraction of a slot's end over which an LED fades into the next, 0..1.
+    rounds : int
+        0 for until stopped.
+    trim : tuple of float
+        Brightness of each LED, 0..1.
+    constant_light : bool
+        Switch the constant light on.
+    sync_slots : bool
+        Give an edge per slot too.
+
+    Raises
+    ------
+    InputError
+        A value can't be used.
+    """
+
+    order: tuple[int, ...] = tuple(range(N_LED))
+    slot_us: float = 20_000.0
+    crossfade: float = 1.0
+    rounds: int = 6
+    trim: tuple[float, ...] = (1.0,) * N_LED
+    constant_light: bool = False
+    sync_slots: bool = False
+
+    def __post_init__(self):
+        if not 1 <= len(self.order) <= MAX_SLOTS:
+            raise InputError(f"order has {len(self.order)} slots; give 1 to {MAX_SLOTS}.")
+        if not all(-1 <= led < N_LED for led in self.order):
+            raise InputError(f"order must list LEDs 0 to {N_LED - 1}, or -1 for none; correct it.")
+        if not SLOT_US[0] <= self.slot_us <= SLOT_US[1] or self.slot_us % 1:
+            raise InputError(
+                f"slot_us is {self.slot_us:g}; give whole microseconds from {SLOT_US[0]} to {SLOT_US[1]}."
+            )
+        if not 0 <= self.crossfade <= 1:
+            raise InputError(f"crossfade is {self.crossfade:g}; give a fraction from 0 to 1.")
+        if not 0 <= self.rounds <= MAX_ROUNDS:
+            raise InputError(f"rounds is {self.rounds}; give 0 (until stopped) to {MAX_ROUNDS}.")
+        if len(self.trim) != N_LED or not all(0 <= value <= 1 for value in self.trim):
+            raise InputError(f"trim must hold {N_LED} numbers from 0 to 1, one per LED; correct it.")
+        if self.crossfade > 0:
+            for k, (led, then) in enumerate(self._neighbours()):
+                if led != then and min(led, then) >= 0 and (led - then) % 2 == 0:
+                    raise InputError(
+                        f"order lets LED {led} fade into LED {then} in slot {k}, but both hang on one chain; "
+                        "put an odd LED between even ones, or -1, or set crossfade to 0."
+                    )
+        if self._longest_us() > MAX_ON_US:
+            raise InputError(
+                f"order lights an LED for longer than {MAX_ON_US * 1e-6:g} s in a row; "
+                "shorten slot_us or put -1 between its slots."
+            )
+
+    def _neighbours(self) -> list[tuple[int, int]]:
+        return list(zip(self.order, self.order[1:] + self.order[:1]))
+
+    def _longest_us(self) -> float:
+        """Give the longest time that an LED is lit in a row, fades included, the next round too."""
+        rounds = min(self.rounds or MAX_ROUNDS, 2 + MAX_ON_US // int(self.slot_us * len(self.order)))
+        slots = np.array(self.order * rounds + (self.order[:1] if self.crossfade else ()), int)
+        starts = np.flatnonzero(np.diff(slots, prepend=-2))
+        count = np.diff(starts, append=len(slots)) + (starts > 0) * (self.crossfade > 0)
+        return float(self.slot_us * np.max(count[slots[starts] >= 0], initial=0))
+
+
+@dataclass
+class RunLog:
+    """What a run did, as it goes into ring.json.
+
+    Attributes
+    ----------
+    settings : dict
+        Order, slot, crossfade and trim as the ring can do them, rounds as asked for.
+    started_utc : str
+        ISO 8601.
+    rounds_done : int
+        Complete rounds.
+    lines : list of (float, str)
+        Seconds since the start, and what happened.
+    ended : str
+        "done", "stopped", "watchdog", "reset" or "lost"; empty while it runs.
+    """
+
+    firmware: str
+    settings: dict
+    started_utc: str
+    rounds_done: int = 0
+    lines: list[tuple[float, str]] = field(default_factory=list)
+    ended: str = ""
+
+    def as_json(self) -> dict:
+        """Give the content of ring.json."""
+        return {
+            "format": "evsdr ring log",
+            "version": 1,
+            "firmware": self.firmware,
+            **self.settings,
+            "rounds_done": self.rounds_done,
+            "started_utc": self.started_utc,
+            "log": [[round(seconds, 4), text] for seconds, text in self.lines],
+            "ended": self.ended,
+        }
+
+
+def find_port() -> str:
+    """Give the port of the only Arduino that is plugged in.
+
+    Raises
+    ------
+    InputError
+        There is none, or more than one.
+    """
+    ports = [
+        port.device
+        for port in list_ports.comports()
+        if (port.vid, None) in USB or (port.vid, port.pid) in USB
+    ]
+    if not ports:
+        raise InputError("No ring is plugged in, as far as its USB number tells; name its port by --port.")
+    if len(ports) > 1:
+        raise InputError(
+            f"Several boards are plugged in ({', '.join(ports)}); name the ring's port by --port."
+        )
+    return ports[0]
+
+
+class Ring:
+    """The ring at a port, as a context manager that always ends dark.
+
+    A thread keeps the ring alive while it is open: without it all goes dark within 50 ms. It needs the
+    interpreter every 10 ms, so let heavy computing wait, or do it in another process.
+
+    Parameters
+    ----------
+    port : str
+        Name of the serial port, or of a terminal.
+
+    Attributes
+    ----------
+    firmware : str
+        What the ring says it is.
+    log : RunLog or None
+        Of the run that was started last.
+
+    Raises
+    ------
+    InputError
+        On entering: the port can't be opened, nothing on it answers, or it speaks another version.
+    """
+
+    def __init__(self, port: str):
+        self.port, self.firmware, self.log = port, "", None
+        self._settings: dict | None = None
+        self._closing, self._ended = threading.Event(), threading.Event()
+        self._ended.set()
+        self._start = 0.0
+
+    def __enter__(self) -> "Ring":
+        try:
+            self._serial = serial.Serial(self.port, BAUD, timeout=0.005, write_timeout=1, exclusive=True)
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise InputError(
+                f"{self.port}: cannot be opened ({_reason(error)}); check the cable, or who else uses it."
+            ) from error
+        try:
+            self._link = Link(self._serial)
+            self._meet()
+        except BaseException:
+            self._serial.close()
+            raise
+        self._thread = threading.Thread(target=self._keep_alive, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_) -> None:
+        try:
+            self.stop()
+            with contextlib.suppress(RingLost, RingRefused):
+                self._link.ask("LIGHT 0")
+        finally:
+            self._closing.set()
+            self._thread.join()
+            self._serial.close()
+
+    def _meet(self) -> None:
+        try:
+            self._link.ask("STOP", BOOT_S)  # whatever it does: dark
+            hello = self._link.ask("HELLO")
+        except RingLost as error:
+            raise InputError(
+                f"{self.port}: no ring answers there; check the port, and that the firmware is on it."
+            ) from error
+        except RingRefused as error:
+            raise InputError(f"{self.port}: the ring refused ({error}); flash its firmware again.") from error
+        version = hello.values.get("protocol")
+        if version != str(PROTOCOL):
+            raise InputError(
+                f"{self.port}: the ring speaks version {version} of the protocol, evsdr version {PROTOCOL}; "
+                "flash the firmware that belongs to this evsdr."
+            )
+        self.firmware = f"{' '.join(hello.words)} protocol {version}"
+
+    def _ask(self, command: str):
+        try:
+            return self._link.ask(command)
+        except RingRefused as error:
+            raise InputError(f"{self.port}: the ring refused {command.split()[0]} ({error}).") from error
+        except RingLost as error:
+            raise InputError(f"{self.port}: the ring is lost, {error}; check cable and supply.") from error
+
+    # ---- what one does with a ring -------------------------------------------------------------------
+
+    def configure(self, settings: RingSettings) -> None:
+        """Send the settings of the next run; the constant light is switched at once.
+
+        Raises
+        ------
+        InputError
+            The ring refuses them or is lost.
+        """
+        levels = [round(255 * value) for value in settings.trim]
+        ppm = round(1e6 * settings.crossfade)
+        slot = self._ask(f"SLOT {int(settings.slot_us)} {ppm}")
+        self._ask("ORDER " + "".join("." if led < 0 else chr(ord("A") + led) for led in settings.order))
+        self._ask("TRIM " + "".join(f"{level:02X}" for level in levels))
+        self._ask(f"ROUNDS {settings.rounds}")
+        self._ask(f"SYNC {int(settings.sync_slots)}")
+        self._ask(f"LIGHT {int(settings.constant_light)}")
+        periods, fade = slot.number("periods"), slot.number("fade")
+        faded = fade * PERIOD + (slot.number("extra") if fade == periods else 0)
+        self._settings = {
+            "order": list(settings.order),
+            "slot_us": float(settings.slot_us),
+            "crossfade": faded / (settings.slot_us * CYCLES_PER_US),
+            "rounds": settings.rounds,
+            "trim": [level / 255 for level in levels],
+            "constant_light": settings.constant_light,
+            "sync_slots": settings.sync_slots,
+        }
+
+    def start(self) -> None:
+        """Start a run and come back at once.
+
+        Raises
+        ------
+        InputError
+            The ring refuses or is lost, or was not configured.
+        """
+        if self._settings is None:
+            raise InputError("The ring has no settings yet; call configure before start.")
+        if not self._ended.is_set():
+            raise InputError("The ring runs already; stop it first.")
+        self.log = RunLog(self.firmware, self._settings, datetime.now(timezone.utc).isoformat())
+        self._start = time.monotonic()
+        self._note("start")
+        self._ask("RUN")
+        self._ended.clear()
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait for the end of the run; gives False if it still runs after the time [s]."""
+        return self._ended.wait(timeout_s)
+
+    def run(self, settings: RingSettings, on_round: Callable[[int], None] = lambda done: None) -> RunLog:
+        """Configure, run to the end, and give the log.
+
+        Parameters
+        ----------
+        settings : RingSettings
+            What to do.
+        on_round : callable (int) -> None
+            Called now and then with the number of complete rounds.
+
+        Raises
+        ------
+        InputError
+            The ring refuses or is lost before the run begins.
+        """
+        self.configure(settings)
+        self.start()
+        while not self.wait(0.1):
+            on_round(self.log.rounds_done)
+        on_round(self.log.rounds_done)
+        return self.log
+
+    def stop(self) -> None:
+        """Make all LEDs of the ring dark; the constant light stays as it is. Never raises."""
+        with contextlib.suppress(RingLost, RingRefused):
+            self._link.ask("STOP")
+            if not self._ended.is_set():
+                self._look(self._link.ask("STATUS"))
+        self._end("lost")  # unless the ring has told why it ended
+
+    def status(self) -> dict[str, str]:
+        """Ask for the state: `run`, `rounds`, `light` and `cause`, the end of the last run."""
+        return self._ask("STATUS").values
+
+    # ---- watching over it ----------------------------------------------------------------------------
+
+    def _keep_alive(self) -> None:
+        while not self._closing.wait(ALIVE_S):
+            try:
+                status = self._link.ask("STATUS")
+            except RingRefused:
+                continue
+            except RingLost:
+                self._end("lost")
+                continue
+            if not self._ended.is_set():
+                self._look(status)
+
+    def _look(self, status) -> None:
+        """Learn from a status how the run goes."""
+        done = int(status.values.get("rounds", "0"))
+        cause = status.values.get("cause", "")
+        if status.values.get("run") == "1" or cause != "none":
+            for n in range(self.log.rounds_done, done):
+                self._note(f"round {n + 1} complete")
+            self.log.rounds_done = max(done, self.log.rounds_done)
+        if status.values.get("run") == "0":
+            self._end(CAUSES.get(cause, "watchdog"), cause)
+
+    def _end(self, ended: str, cause: str = "") -> None:
+        if self._ended.is_set():
+            return
+        self._note(f"{ended} ({cause})" if ended == "watchdog" else ended)
+        self.log.ended = ended
+        self._ended.set()
+
+    def _note(self, text: str) -> None:
+        self.log.lines.append((time.monotonic() - self._start, text))
+
+
+def _reason(error: Exception) -> str:
+    return (getattr(error, "strerror", None) or str(error)).rstrip(".").splitlines()[0]

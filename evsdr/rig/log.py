@@ -1,0 +1,107 @@
+"""Read ring.json, what the ring of LEDs did during a recording."""
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from evsdr.errors import InputError
+from evsdr.files.events_h5 import LARGEST_LED
+
+FORMAT, VERSION = "evsdr ring log", 1
+
+
+@dataclass(frozen=True)
+class RingLog:
+    """A run of the ring.
+
+    Attributes
+    ----------
+    order : (n_slot,) int32
+        LED of each slot of a round, -1 for none.
+    slot_us : float
+        Length of a slot on the ring's clock [us].
+    crossfade : float
+        Fraction of a slot's end over which an LED fades into the next, 0..1.
+    n_round : int
+        Complete rounds.
+    ended : str
+        "done", or why the ring stopped before.
+    """
+
+    order: np.ndarray
+    slot_us: float
+    crossfade: float
+    n_round: int
+    ended: str
+
+    @property
+    def round_us(self) -> float:
+        """Length of a round on the ring's clock [us]."""
+        return len(self.order) * self.slot_us
+
+
+def read_ring_log(path: str | Path) -> RingLog:
+    """Read ring.json.
+
+    Parameters
+    ----------
+    path : str or Path
+        As `python -m evsdr.ring run` writes it.
+
+    Raises
+    ------
+    InputError
+        The file is missing or of another kind, a field can't be used, or no round was completed.
+    """
+    path = Path(path)
+    try:
+        fields = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{path}: there is no readable file; name the ring.json of this recording."
+        ) from error
+    except ValueError as error:
+        raise InputError(f"{path}: this is not JSON; name the ring.json of this recording.") from error
+    try:
+        return parse_ring_log(fields)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def parse_ring_log(fields: object) -> RingLog:
+    """Check the fields of ring.json.
+
+    Raises
+    ------
+    InputError
+        One can't be used; the sentence doesn't name the file.
+    """
+    if not isinstance(fields, dict) or fields.get("format") != FORMAT:
+        raise InputError(f'its format is not "{FORMAT}"; name the ring.json of this recording.')
+    if fields.get("version") != VERSION:
+        raise InputError(
+            f"its version is {fields.get('version')!r}, not {VERSION}; use the evsdr that wrote it."
+        )
+    order = fields.get("order")
+    is_list = isinstance(order, list) and len(order) > 0 and all(type(led) is int for led in order)
+    if not is_list or min(order) < -1 or not 0 <= max(order) <= LARGEST_LED:
+        raise InputError(f"order must list the LED of each slot, 0 to {LARGEST_LED}, -1 where none is lit.")
+    slot_us, crossfade = (_number(fields, name) for name in ("slot_us", "crossfade"))
+    if slot_us <= 0:
+        raise InputError(f"slot_us is {slot_us:g}; it must be above 0.")
+    if not 0 <= crossfade <= 1:
+        raise InputError(f"crossfade is {crossfade:g}; it must lie from 0 to 1.")
+    n_round = fields.get("rounds_done")
+    if type(n_round) is not int or n_round < 1:
+        raise InputError(f"rounds_done is {n_round!r}, so no round was completed; run the ring again.")
+    return RingLog(np.array(order, np.int32), slot_us, crossfade, n_round, str(fields.get("ended")))
+
+
+def _number(fields: dict, name: str) -> float:
+    value = fields.get(name)
+    if type(value) not in (int, float) or not math.isfinite(value):
+        raise InputError(f"{name} must be a finite number; run the ring again.")
+    return float(value)

@@ -1,0 +1,119 @@
+"""Read a camera's HDF5 files: Metavision's, whose events are packed by ECF, and the same with other filters.
+
+`CD/events` (x, y, p, t) and `EXT_TRIGGER/events` (p, t, id); the sensor's size in the attribute `geometry`
+("1280x720"), or in `width` and `height`. The chunks of ECF are taken out as stored and decoded here, as no
+package brings this filter.
+"""
+
+import re
+from pathlib import Path
+
+import h5py
+import hdf5plugin  # noqa: F401  (its filters register on import)
+import numpy as np
+
+from evsdr.errors import InputError
+from evsdr.files.events_h5 import EVENT_DTYPE
+from evsdr.records import Events
+from evsdr.rig import ecf
+from evsdr.rig.camera_file import CameraRecording, Edges, check_recording
+
+
+def read_hdf5(path: str | Path, size: tuple[int, int] | None = None) -> CameraRecording:
+    """Read a HDF5 file of a camera.
+
+    Parameters
+    ----------
+    path : str or Path
+        HDF5 file.
+    size : (width, height), optional
+        Of the sensor; that of the file if None.
+
+    Raises
+    ------
+    InputError
+        The file is no HDF5 file, of another layout, or damaged.
+
+    Warns
+    -----
+    InputWarning
+        Some events lay outside the sensor, or not in time order.
+    """
+    path = Path(path)
+    try:
+        with h5py.File(path, "r") as file:
+            width, height = size or _read_size(path, file)
+            events = Events(
+                *_read_fields(path, file, "CD/events", {"x": "u2", "y": "u2", "p": "i1", "t": "i8"})
+            )
+            edges = Edges(np.empty(0, np.int8), np.empty(0, np.int64), np.empty(0, np.int16))
+            if "EXT_TRIGGER/events" in file:
+                fields = {"p": "i1", "t": "i8", "id": "i2"}
+                edges = Edges(*_read_fields(path, file, "EXT_TRIGGER/events", fields))
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:  # all that h5py makes of damage
+        raise InputError(f"{path}: the HDF5 file is damaged or cut short; copy it again.") from error
+    return check_recording(path, CameraRecording(width, height, events, edges))
+
+
+def _read_size(path: Path, file: h5py.File) -> tuple[int, int]:
+    text = file.attrs.get("geometry", f"{file.attrs.get('width')}x{file.attrs.get('height')}")
+    text = text.decode("latin-1") if isinstance(text, bytes) else str(text)  # bytes where of fixed length
+    geometry = re.fullmatch(r"(\d+)x(\d+)", text)
+    if not geometry or not all(0 < int(number) <= 65536 for number in geometry.groups()):
+        raise InputError(f"{path}: its attributes do not tell the sensor's size; give it by --sensor-size.")
+    return int(geometry[1]), int(geometry[2])
+
+
+def _read_fields(path: Path, file: h5py.File, name: str, kinds: dict[str, str]) -> list[np.ndarray]:
+    """Read a list of records; give its fields as arrays of these types, `p` 0 or 1."""
+    dataset = file.get(name)
+    dtype = getattr(dataset, "dtype", np.dtype("i4"))
+    if not isinstance(dataset, h5py.Dataset) or dataset.ndim != 1 or not set(kinds) <= set(dtype.names or ()):
+        raise InputError(
+            f"{path}: it lacks {name}, a list of records {', '.join(kinds)}; export the recording as "
+            "Metavision HDF5, or name its RAW file."
+        )
+    properties = dataset.id.get_create_plist()
+    filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
+    if filters == [ecf.FILTER] and dtype == EVENT_DTYPE:
+        columns = _read_ecf(path, dataset)
+    else:
+        missing = [code for code in filters if not h5py.h5z.filter_avail(code)]
+        if missing:
+            raise InputError(
+                f"{path}: {name} is compressed by filter {missing[0]}, which can't be read here; "
+                "name the RAW file instead."
+            )
+        table = dataset[()]
+        columns = {field: table[field] for field in kinds}
+    if any(column.dtype.kind not in "biu" for column in columns.values()):
+        raise InputError(f"{path}: {name} must hold whole numbers; export the recording again.")
+    bad = (columns["p"] != 0) & (columns["p"] != 1)
+    for field in {"x", "y"} & set(kinds):  # what does not fit into 16 bits would come out inside
+        bad |= (columns[field] < 0) | (columns[field] > 65535)
+    if bad.any():
+        raise InputError(
+            f"{path}: entry {bad.argmax()} of {name} is no event; the file is damaged: copy it again."
+        )
+    return [columns[field].astype(kind, copy=False) for field, kind in kinds.items()]
+
+
+def _read_ecf(path: Path, dataset: h5py.Dataset) -> dict[str, np.ndarray]:
+    """Decode the chunks of a dataset one by one."""
+    n, room = len(dataset), dataset.chunks[0]
+    kinds = {"x": np.uint16, "y": np.uint16, "p": np.int8, "t": np.int64}
+    columns = {field: np.empty(n, kind) for field, kind in kinds.items()}
+    chunk = {field: np.empty(room + ecf.SPARE, kind) for field, kind in kinds.items()}
+    for start in range(0, n, room):
+        left_out, data = dataset.id.read_direct_chunk((start,))
+        count = min(room, n - start)
+        if left_out:  # this chunk was stored unpacked
+            part = np.frombuffer(data, EVENT_DTYPE)
+            decoded = len(part)
+        else:
+            decoded, part = ecf.decode_chunk(data, *chunk.values()), chunk
+        if decoded < count:
+            raise InputError(f"{path}: its events are damaged from number {start} on; copy the file again.")
+        for field, column in columns.items():
+            column[start : start + count] = part[field][:count]
+    return columns

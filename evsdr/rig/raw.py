@@ -1,0 +1,146 @@
+"""Read Prophesee RAW files: a header in text, then words of EVT 2.0, EVT 2.1 or EVT 3.0."""
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from evsdr.errors import InputError, InputWarning
+from evsdr.records import Events
+from evsdr.rig import evt_words as kernel
+from evsdr.rig.camera_file import CameraRecording, Edges, check_recording
+
+WORDS = {"EVT2": np.dtype("<u4"), "EVT21": np.dtype("<u8"), "EVT3": np.dtype("<u2")}
+HEADER_SIZE = 1 << 16  # bytes in which a header ends
+UNKNOWN_SHARE = 1e-3  # of the words; with more of unknown type the file is something else
+N_GUESS = 1 << 16  # words that tell how the halves of EVT 2.1 are ordered
+
+
+def is_raw(path: Path) -> bool:
+    """Tell whether a file starts as the vendor's do."""
+    with open(path, "rb") as file:
+        return file.read(2) == b"% "
+
+
+def read_raw(path: str | Path, size: tuple[int, int] | None = None) -> CameraRecording:
+    """Read a RAW file with its triggers.
+
+    Parameters
+    ----------
+    path : str or Path
+        RAW file.
+    size : (width, height), optional
+        Of the sensor; that of the header if None.
+
+    Raises
+    ------
+    InputError
+        The file is no RAW file, of another format, or damaged.
+
+    Warns
+    -----
+    InputWarning
+        It is cut short, or slightly damaged.
+    """
+    path = Path(path)
+    fields, start = _read_header(path)
+    name, options = _read_format(path, fields)
+    width, height = size or _read_size(path, fields, options)
+    words = np.fromfile(path, WORDS[name], offset=start)
+    if not len(words):
+        raise InputError(f"{path}: nothing follows its header; record again.")
+    if name == "EVT21" and _has_swapped_halves(path, words, options.get("endianness")):
+        words = (words >> np.uint64(32)) | (words << np.uint64(32))
+    count, events, edges = _decode(name, words, width, height)
+    n_unknown = count[kernel.N_UNKNOWN]
+    if n_unknown > UNKNOWN_SHARE * len(words):
+        raise InputError(
+            f"{path}: {n_unknown / len(words):.1%} of its words are no {name}, the format that its header "
+            "names; the file is damaged or its header is another's: copy it again."
+        )
+    recording = CameraRecording(width, height, events, edges)
+    recording = check_recording(path, recording, int(count[kernel.N_OUTSIDE]))
+    if n_unknown:
+        _warn(f"{path}: {n_unknown} of its words are unknown and left out; it is slightly damaged.")
+    left_over = (path.stat().st_size - start) % WORDS[name].itemsize
+    if left_over:
+        _warn(f"{path}: its last word is cut short, so its last {left_over} bytes are left out.")
+    return recording
+
+
+def _read_header(path: Path) -> tuple[dict[str, str], int]:
+    """Read `% key value` lines; give them and where the words start."""
+    with open(path, "rb") as file:
+        head = file.read(HEADER_SIZE)
+    fields, start = {}, 0
+    while head.startswith(b"% ", start):
+        end = head.find(b"\n", start)
+        if end < 0:
+            raise InputError(f"{path}: its header has no end; copy the file again.")
+        key, _, value = head[start + 2 : end].decode("latin-1").strip().partition(" ")
+        start = end + 1
+        if key == "end":
+            break
+        fields[key] = value.strip()
+    if not fields:
+        raise InputError(
+            f"{path}: this is no RAW file of a Prophesee camera; name a .raw or .hdf5 recording."
+        )
+    return fields, start
+
+
+def _read_format(path: Path, fields: dict[str, str]) -> tuple[str, dict[str, str]]:
+    """Give the name of the format and its options."""
+    name, *options = fields.get("format", "").split(";")
+    if not name and "evt" in fields:
+        name = {"2.0": "EVT2", "2.1": "EVT21", "3.0": "EVT3"}.get(fields["evt"], f"EVT {fields['evt']}")
+    if name not in WORDS:
+        raise InputError(
+            f"{path}: its header names {'the format ' + name if name else 'no format'}, "
+            "but EVT2, EVT21 and EVT3 can be read; set the camera to EVT3."
+        )
+    options = dict(option.partition("=")[::2] for option in options)
+    return name, {"endianness": fields["endianness"], **options} if "endianness" in fields else options
+
+
+def _read_size(path: Path, fields: dict[str, str], options: dict[str, str]) -> tuple[int, int]:
+    geometry = re.fullmatch(r"(\d+)x(\d+)", fields.get("geometry", ""))
+    width, height = geometry.groups() if geometry else (options.get("width", ""), options.get("height", ""))
+    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 2048 and 0 < int(height) <= 2048):
+        raise InputError(f"{path}: its header does not tell the sensor's size; give it by --sensor-size.")
+    return int(width), int(height)
+
+
+def _has_swapped_halves(path: Path, words: np.ndarray, endianness: str | None) -> bool:
+    """Tell whether each EVT 2.1 word has its upper half first; as the words look, if the header is silent."""
+    if endianness not in (None, "little", "legacy"):
+        raise InputError(f"{path}: its byte order is {endianness}, but only little and legacy can be read.")
+    if endianness:
+        return endianness == "legacy"
+    known = np.isin(
+        np.arange(16), [kernel.CD_OFF, kernel.CD_ON, kernel.TIME_HIGH, kernel.TRIGGER, kernel.OTHERS]
+    )
+    halves = words[:N_GUESS].view(np.uint32).reshape(-1, 2)
+    low, high = np.count_nonzero(known[halves >> 28], axis=0)
+    return bool(low > high)
+
+
+def _decode(name: str, words: np.ndarray, width: int, height: int) -> tuple[np.ndarray, Events, Edges]:
+    def run(n_event: int, n_trigger: int) -> tuple[np.ndarray, list[np.ndarray]]:
+        arrays = [np.empty(n_event, dtype) for dtype in (np.uint16, np.uint16, np.int8, np.int64)]
+        arrays += [np.empty(n_trigger, dtype) for dtype in (np.int8, np.int64, np.int16)]
+        if name == "EVT3":
+            return kernel.decode_evt3(words, width, height, *arrays), arrays
+        return kernel.decode_evt2(words, name == "EVT21", width, height, *arrays), arrays
+
+    room = (len(words), len(words) // 16)  # memory that is not written costs nothing
+    count, arrays = run(*room)
+    n_event, n_trigger = count[kernel.N_EVENT], count[kernel.N_TRIGGER]
+    if n_event > room[0] or n_trigger > room[1]:
+        count, arrays = run(n_event, n_trigger)
+    return count, Events(*(a[:n_event] for a in arrays[:4])), Edges(*(a[:n_trigger] for a in arrays[4:]))
+
+
+def _warn(sentence: str) -> None:
+    warnings.warn(InputWarning(sentence), stacklevel=3)

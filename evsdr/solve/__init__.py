@@ -1,0 +1,1 @@
+"""From event pairs to maps."""

@@ -1,0 +1,1 @@
+"""What pixels tell of each other."""

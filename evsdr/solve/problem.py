@@ -1,0 +1,111 @@
+"""From a recording and a traced scene to the arrays that the solvers work on."""
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from evsdr.events.pairs import Pairs
+from evsdr.model.illumination import Illumination
+from evsdr.records import Recording
+from evsdr.solve.grid import Grid, make_grid
+from evsdr.solve.pair_data import PairData, pack_phases, pack_slots
+
+DARK = 1e-6  # floor of the constant light, as a share of the brightest LED: keeps log I finite in shadow
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The pixels to solve.
+
+    Attributes
+    ----------
+    pixel : (n_pixel,) int
+        Where they lie in the image, row-major.
+    fired : (n_pixel,) bool
+        Whether they fired events, hot ones included.
+    pairs : PairData
+        Their event pairs.
+    illumination : Illumination
+        What the LEDs send to them; its constant light is above 0.
+    grid : Grid
+        Their neighbours.
+    """
+
+    pixel: np.ndarray
+    fired: np.ndarray
+    pairs: PairData
+    illumination: Illumination
+    grid: Grid
+
+    @property
+    def n_pixel(self) -> int:
+        return len(self.pixel)
+
+
+def make_problem(
+    recording: Recording,
+    pairs: Pairs,
+    light: Illumination,
+    mask: np.ndarray,
+    hot: np.ndarray | None = None,
+) -> Problem:
+    """Collect what the solver needs of the masked pixels.
+
+    Parameters
+    ----------
+    recording : Recording
+        For its sensor and schedule.
+    pairs : Pairs
+        Event pairs of all pixels.
+    light : Illumination
+        What the LEDs send; arrays of width 1 or height * width.
+    mask : (height, width) bool
+        Pixels to solve.
+    hot : (height, width) bool, optional
+        Pixels whose events and silences count for nothing.
+    """
+    pixel = np.flatnonzero(mask)
+    heard = mask if hot is None else mask & ~hot
+    offset, chosen = _of_list(pairs.offset, mask, heard)
+    silent_offset, silent = _of_list(pairs.silent_offset, mask, heard)
+    no_polarity = np.ones(np.count_nonzero(silent), np.int8)
+
+    def threshold(value):
+        return mi.Float(np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
+
+    sensor = recording.sensor
+    return Problem(
+        pixel=pixel,
+        fired=np.diff(pairs.offset)[pixel] > 0,
+        pairs=PairData(
+            offset=offset,
+            phases=mi.Float(
+                pack_phases(pairs.phase_start[chosen], pairs.phase_end[chosen], pairs.polarity[chosen])
+            ),
+            threshold_on=threshold(sensor.contrast_threshold_on),
+            threshold_off=threshold(sensor.contrast_threshold_off),
+            slot_leds=mi.UInt32(pack_slots(recording.schedule.order, light.n_led)),
+            silent_offset=silent_offset,
+            silent_phases=mi.Float(
+                pack_phases(pairs.silent_start[silent], pairs.silent_probe[silent], no_polarity)
+            ),
+        ),
+        illumination=_of_pixels(light, mi.UInt32(pixel.astype(np.uint32))),
+        grid=make_grid(mask, mi.UInt32),
+    )
+
+
+def _of_list(offset: np.ndarray, mask: np.ndarray, heard: np.ndarray) -> tuple[mi.UInt32, np.ndarray]:
+    """Give the offsets of a list for the masked pixels, and which entries it keeps: those of pixels heard."""
+    count = np.diff(offset)
+    kept = np.concatenate([[0], np.cumsum(np.where(heard.ravel(), count, 0)[mask.ravel()])])
+    return mi.UInt32(kept.astype(np.uint32)), np.repeat(heard.ravel(), count)
+
+
+def _of_pixels(light: Illumination, pixel: mi.UInt32) -> Illumination:
+    """Keep the light of some pixels, with a constant light above 0."""
+    brightest = max(float(dr.max(e)[0]) for e in light.irradiance)
+    constant_light = dr.opaque(mi.Float, max(float(light.constant_light[0]), DARK * brightest))
+    return replace(light.gather(pixel), constant_light=constant_light)

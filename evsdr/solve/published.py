@@ -1,0 +1,227 @@
+"""The decoder of EventSpecPS (its section 5.1), for comparison.
+
+Normals and a reflectance of rank K, R_xb = sum_k a_xk b_kb, fitted to event pairs by AdamW. The derivative
+is Dr.Jit's, through the signals of the ring integrator. The paper leaves open the exact form of gate and
+consistency; here a pair counts less where the normal is within `GATE_DEG` of the half vector of an LED, and
+normals and coefficients are pulled toward their own Gaussian blur.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+from drjit.opt import AdamW
+
+from evsdr.frozen import no_garbage_collection
+from evsdr.model.illumination import Illumination
+from evsdr.model.lambert import led_signals
+from evsdr.solve.loss import every_pair, relative_residual
+from evsdr.solve.pair_data import PairData, ends, signal_table
+
+GATE_DEG = 11.88  # half-peak width of a Blinn-Phong lobe of shininess 32 (supplement, eq. 11)
+SMALLEST_NZ = 0.02
+WEIGHT_DECAY = 0.01  # AdamW's usual value; the paper names none
+
+
+@dataclass(frozen=True)
+class AdamSettings:
+    """Settings of the paper, section 5.1; `consistency` and `gate_floor` are ours.
+
+    Attributes
+    ----------
+    rank : int
+        K, number of spectral bases.
+    n_step : int
+        Iterations.
+    rate_normal, rate_reflectance : float
+        Learning rates.
+    beta : (float, float)
+        Decay of the moments.
+    blur_size, blur_sigma : int, float
+        Kernel of the consistency term [pixels].
+    consistency : float
+        Its weight.
+    gate_floor : float
+        Weight of a pair on the half vector itself.
+    """
+
+    rank: int = 8
+    n_step: int = 1600
+    rate_normal: float = 1e-2
+    rate_reflectance: float = 3e-2
+    beta: tuple[float, float] = (0.5, 0.95)
+    blur_size: int = 21
+    blur_sigma: float = 5.0
+    consistency: float = 1e-2
+    gate_floor: float = 0.1
+
+
+@no_garbage_collection()
+def solve(
+    illumination: Illumination,
+    pairs: PairData,
+    start_normal: np.ndarray,
+    pixel: np.ndarray,
+    shape: tuple[int, int],
+    settings: AdamSettings = AdamSettings(),
+    seed: int = 0,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fit normals and low-rank reflectance to event pairs by AdamW.
+
+    Parameters
+    ----------
+    illumination : Illumination
+        What the LEDs send to the pixels.
+    pairs : PairData
+        Their event pairs.
+    start_normal : (n_pixel, 3) float
+        Start values, camera frame.
+    pixel : (n_pixel,) int
+        Where the pixels lie in the image, row-major.
+    shape : (int, int)
+        Height and width of the image.
+    seed : int
+        Of the perturbation of the start.
+
+    Returns
+    -------
+    normal : (n_pixel, 3) float32
+    reflectance : (n_pixel, n_band) float32
+    """
+    Float, UInt32 = type(pairs.phases), type(pairs.offset)
+    Array3f = type(illumination.direction[0])
+    rng = np.random.default_rng(seed)
+    n_pixel, n_band, rank = len(pixel), illumination.n_band, settings.rank
+    n = dr.opaque(UInt32, n_pixel)
+    pair = dr.arange(UInt32, dr.width(pairs.phases) // 2)
+    pixel_of_pair = UInt32(np.repeat(np.arange(n_pixel, dtype=np.uint32), np.diff(pairs.offset.numpy())))
+    dr.make_opaque(pair, pixel_of_pair)
+    half = [dr.normalize(d + Array3f(0, 0, 1)) for d in illumination.direction]
+    place = UInt32(pixel.astype(np.uint32))
+
+    maps = ["nx", "ny", "nz", *(f"a{k}" for k in range(rank))]
+    optimiser = AdamW(
+        settings.rate_reflectance, beta_1=settings.beta[0], beta_2=settings.beta[1], weight_decay=WEIGHT_DECAY
+    )
+    for name, column in zip(maps, start_normal.T):
+        optimiser[name] = Float(np.ascontiguousarray(column, np.float32))
+    for k in range(rank):
+        optimiser[f"a{k}"] = Float((0.2 + 0.01 * rng.standard_normal(n_pixel)).astype(np.float32))
+        optimiser[f"b{k}"] = Float(
+            (n_band**-0.5 * (1 + 0.1 * rng.standard_normal(n_band))).astype(np.float32)
+        )
+    optimiser.set_learning_rate(nx=settings.rate_normal, ny=settings.rate_normal, nz=settings.rate_normal)
+
+    def reflectance_of(variables):
+        return [
+            sum(variables[f"a{k}"] * dr.gather(Float, variables[f"b{k}"], UInt32(b)) for k in range(rank))
+            for b in range(n_band)
+        ]
+
+    def gate(normal):
+        """Weight of each pair: low where the normal is near the half vector of one of its LEDs."""
+        angle = [dr.acos(dr.minimum(dr.dot(normal, h), 1.0)) for h in half]
+        gloss = [
+            (1.0 - settings.gate_floor) * dr.exp(-dr.square(x / float(np.radians(GATE_DEG)))) for x in angle
+        ]
+        start, end, _ = ends(signal_table(gloss, n_pixel), pairs, pair, pixel_of_pair, n, True)
+        return (1.0 - start) * (1.0 - end)
+
+    @dr.freeze(state_fn=lambda *_: (illumination, pairs, pair, pixel_of_pair, n, half))
+    def step(optimiser, smooth):
+        variables = dict(optimiser.items())
+        normal = dr.normalize(Array3f(*(variables[name] for name in maps[:3])))
+        signal = led_signals(illumination, normal, reflectance_of(variables))
+        table = signal_table(signal, n_pixel)
+        u, threshold = relative_residual(
+            table, pairs, illumination.constant_light, pair, pixel_of_pair, n, True
+        )
+        loss = dr.mean(gate(dr.detach(normal)) * dr.square(threshold * u))
+        for name, target in zip(maps, smooth):
+            loss += settings.consistency * dr.mean(dr.square(variables[name] - target))
+        dr.backward(loss)
+        optimiser.step()
+        constrain(optimiser, rank)
+
+    for i in range(settings.n_step):
+        step(optimiser, blur([dr.detach(optimiser[name]) for name in maps], place, shape, settings))
+        dr.eval(optimiser)
+        dr.sync_thread()
+        progress("AdamW", (i + 1) / settings.n_step)
+    normal = np.stack([optimiser[name].numpy() for name in maps[:3]], axis=-1)
+    reflectance = np.stack([r.numpy() for r in reflectance_of(optimiser)], axis=-1)
+    return normal, reflectance
+
+
+def constrain(optimiser, rank: int) -> None:
+    """Project in place on n_z > 0, unit normals, reflectance >= 0 and unit bases."""
+    x, y, z = (dr.detach(optimiser[name]) for name in ("nx", "ny", "nz"))
+    z = dr.maximum(z, SMALLEST_NZ)
+    inverse = dr.rsqrt(x * x + y * y + z * z)
+    for name, component in zip(("nx", "ny", "nz"), (x, y, z)):
+        optimiser[name] = component * inverse
+    for k in range(rank):
+        basis = dr.maximum(dr.detach(optimiser[f"b{k}"]), 1e-6)
+        length = dr.sqrt(dr.sum(dr.square(basis)))
+        optimiser[f"b{k}"] = basis / length
+        optimiser[f"a{k}"] = dr.maximum(dr.detach(optimiser[f"a{k}"]), 0.0) * length
+
+
+def blur(maps: list, pixel, shape: tuple[int, int], settings: AdamSettings) -> list:
+    """Blur maps of the solved pixels by a Gaussian; what lies outside has no weight."""
+    Float = type(maps[0])
+    offsets = np.arange(settings.blur_size) - settings.blur_size // 2
+    kernel = np.exp(-0.5 * (offsets / settings.blur_sigma) ** 2).tolist()
+    layers = [dr.full(Float, 1.0, dr.width(maps[0])), *maps]
+    size = shape[0] * shape[1]
+    image = dr.zeros(Float, len(layers) * size)
+    for i, values in enumerate(layers):
+        dr.scatter(image, values, pixel + i * size, mode=dr.ReduceMode.NoConflicts)
+    image = dr.convolve(dr.tensor_t(Float)(image, (len(layers), *shape)), kernel, axis=(1, 2)).array
+    weight, *sums = (dr.gather(Float, image, pixel + i * size) for i in range(len(layers)))
+    return [total / weight for total in sums]
+
+
+GATE_FLOOR = 0.1  # weight of a pair on the half vector itself
+
+
+# ---------------------------------------------------------------------- without a lobe: gate and robust width
+
+
+def gate_weights(
+    illumination: Illumination, normal, view=None, gate_deg: float = GATE_DEG, floor: float = GATE_FLOOR
+) -> list:
+    """Give the weight of each LED in each pixel: low where the normal is near the LED's half vector.
+
+    The angular gate of EventSpecPS (section 5.1), which leaves its form open: here, of the angle a,
+    1 - (1 - floor) exp(-(a / gate)^2).
+
+    Parameters
+    ----------
+    normal : Array3f, (n_pixel)
+        Unit normals as known so far.
+
+    Returns
+    -------
+    list of Float, (n_led) of width n_pixel
+    """
+    view = type(normal)(0, 0, 1) if view is None else view
+    weights = []
+    for d in illumination.direction:
+        angle = dr.acos(dr.clip(dr.dot(normal, dr.normalize(d + view)), -1.0, 1.0))
+        weights.append(1.0 - (1.0 - floor) * dr.exp(-dr.square(angle / float(np.radians(gate_deg)))))
+    return weights
+
+
+def pair_weights(pairs: PairData, weights: list):
+    """Turn weights of (LED, pixel) into weights of event pairs: the product of those of both ends.
+
+    Returns
+    -------
+    Float, (n_pair)
+    """
+    table = signal_table([1.0 - w for w in weights], dr.width(pairs.threshold_on))
+    start, end, _ = ends(table, pairs, *every_pair(pairs), True)
+    return (1.0 - start) * (1.0 - end)

@@ -1,0 +1,29 @@
+"""What a fit says of the bands of a ring."""
+
+import json
+
+import numpy as np
+
+from evsdr.commands import fit, simulate
+from evsdr.fitting.maps import lit_bands
+from tests.support.small_scene import camera, leds, scene
+
+
+def test_bands_that_are_lit():
+    band = [0, 1, 2, 0, 1, 2]
+    np.testing.assert_array_equal(lit_bands([0, 3, -1], band), [True, False, False])
+    np.testing.assert_array_equal(lit_bands([5, 4, 0, 6], band), [True, True, True])
+
+
+def test_a_band_that_is_never_lit_is_not_known(tmp_path):
+    """Of twelve LEDs in two bands only those of the first shine."""
+    text = scene(light=leds(12), sensor=camera(width=24, height=24))
+    (tmp_path / "scene.xml").write_text(text)
+    argv = [str(tmp_path / "scene.xml"), "--out", str(tmp_path)]
+    assert simulate.main([*argv, "--ideal", "--order", *"-1 0 2 4 6 8 10".split()]) == 0
+    assert fit.main([argv[0], str(tmp_path / "events.h5"), "--out", str(tmp_path / "fit")]) == 0
+    with np.load(tmp_path / "fit" / "maps.npz") as maps:
+        sigma = maps["reflectance_sigma"][maps["mask"]]
+    assert (sigma[:, 1] == 1).all() and np.median(sigma[:, 0]) < 0.1
+    note = json.loads((tmp_path / "fit" / "summary.json").read_text())["model"]["bands"]
+    assert note.startswith("1 of 2: order lights no LED of 620 nm")

@@ -1,0 +1,195 @@
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from evsdr.solve import grid as g
+from evsdr.solve import levenberg
+from evsdr.solve.neighbours.posterior import Priors
+from evsdr.solve.neighbours.system import joint_solver, joint_system, perturbation
+from evsdr.solve.unknowns import normal_sigma_deg
+from tests.solve.test_grid import MASK, matrix_of
+from tests.solve.test_levenberg import ALONE, SPECTRUM, errors, solve, sphere_problem
+
+N_BAND = 3
+N = 2 + N_BAND
+WITH_PRIORS = levenberg.Effort()
+
+
+def arrays(values):
+    return [mi.Float(np.ascontiguousarray(v, np.float32)) for v in values]
+
+
+@pytest.fixture
+def system(rng):
+    """A linear system of 9 pixels, as arrays and as a dense matrix put together by plain NumPy."""
+    n_pixel, grid = MASK.sum(), g.make_grid(MASK, mi.UInt32)
+    theta = arrays(rng.normal(0, 0.7, (N, n_pixel)))
+    root = rng.normal(size=(n_pixel, N, N))
+    data = root @ np.swapaxes(root, 1, 2) + np.eye(N)
+    rows, columns = np.tril_indices(N)
+    scatter = {"normal": np.array([[0.3, 0.1], [0.1, 0.2]]), "integrable": np.array([[0.5]])}
+    scatter["reflectance"] = np.cov(rng.normal(size=(N_BAND, 9)))
+    weights = {}
+    for part, stencils in (
+        ("normal", (g.SECOND_X, g.SECOND_Y)),
+        ("reflectance", (g.SECOND_X, g.SECOND_Y)),
+        ("integrable", (g.SQUARE_MEAN,)),
+    ):
+        valid = [s.valid(grid).numpy() for s in stencils]
+        weights[part] = arrays([np.where(v, rng.uniform(0.5, 2, n_pixel), 0) for v in valid])
+    dense = np.zeros((n_pixel, N, n_pixel, N))
+    own = np.arange(n_pixel)
+    dense[own, :, own, :] = data
+    p, q = (t.numpy().astype(float) for t in theta[:2])
+    length = np.sqrt(1 + p**2 + q**2)
+    turn = np.array(
+        [
+            [p**2 / length**3 - 1 / length, p * q / length**3],
+            [p * q / length**3, q**2 / length**3 - 1 / length],
+        ]
+    )
+    for part in ("normal", "reflectance"):
+        precision, first = np.linalg.inv(scatter[part]), 0 if part == "normal" else 2
+        for stencil, weight in zip((g.SECOND_X, g.SECOND_Y), weights[part]):
+            s = matrix_of(stencil)
+            between = np.einsum("zx,z,zy->xy", s, weight.numpy(), s)
+            block = np.einsum("xy,ij->xiyj", between, precision)
+            if part == "normal":
+                block = np.einsum("kix,xkyl,ljy->xiyj", turn, block, turn)
+            last = first + len(precision)
+            dense[:, first:last, :, first:last] += block
+    steep = matrix_of(g.SQUARE_MEAN) @ (1 / length**2)
+    around = np.stack([matrix_of(g.AROUND_P), matrix_of(g.AROUND_Q)], axis=-1) * steep[:, None, None]
+    dense[:, :2, :, :2] += np.einsum(
+        "zxi,z,zyj->xiyj", around, weights["integrable"][0].numpy() / 0.5, around
+    )
+    nothing = dr.zeros(mi.Float, n_pixel)
+    made = joint_system(theta, arrays(data[:, rows, columns].T), nothing, weights, scatter, grid, N_BAND)
+    return made, scatter, grid, dense.reshape(n_pixel * N, n_pixel * N)
+
+
+def test_the_joint_system_is_that_of_dense_matrices(system, rng):
+    """Conjugate gradients on stencils give what a dense solver gives."""
+    made, _, grid, dense = system
+    right = rng.normal(size=(len(MASK[MASK]), N))
+    x = joint_solver(grid)(made, arrays(right.T))
+    expected = np.linalg.solve(dense, right.ravel()).reshape(right.shape)
+    np.testing.assert_allclose(
+        np.array([v.numpy() for v in x]).T, expected, atol=0.02 * np.abs(expected).max()
+    )
+
+
+def test_draws_scatter_as_the_inverse_of_the_matrix(system):
+    made, scatter, grid, dense = system
+    rng, solve_all = np.random.default_rng(0), joint_solver(grid)
+    draws = []
+    for _ in range(600):
+        x = solve_all(made, perturbation(rng, made, scatter, grid, N_BAND))
+        draws.append(np.array([v.numpy() for v in x]).T.ravel())
+    ratio = np.mean(np.square(draws), axis=0) / np.diagonal(np.linalg.inv(dense))
+    assert ratio.mean() == pytest.approx(1, abs=0.03)
+    assert ratio.min() > 0.75 and ratio.max() < 1.3
+
+
+@pytest.fixture(scope="module")
+def noisy_sphere():
+    return sphere_problem(48, event_noise=0.1)
+
+
+def test_neighbours_halve_the_error_and_sigma_knows(noisy_sphere):
+    problem, truth = noisy_sphere
+    alone, together = solve(problem, ALONE), solve(problem, WITH_PRIORS)
+    angle, difference = errors(together, truth)
+    single_angle, single_difference = errors(alone, truth)
+    assert angle.mean() < 0.4 * single_angle.mean()
+    assert np.sqrt(np.mean(difference**2)) < 0.5 * np.sqrt(np.mean(single_difference**2))
+    sigma = normal_sigma_deg(*together.theta[:, :2].T.astype(float), together.covariance[:, :2, :2])
+    inner = truth[:, 2] > 0.4
+    assert 0.65 < np.sqrt(np.mean((angle / sigma)[inner] ** 2)) < 1.4
+
+
+@pytest.mark.parametrize(
+    ("part", "what"),
+    [("normal", "angle"), ("integrable", "angle"), ("reflectance", "colour"), ("spectra", "colour")],
+)
+def test_each_prior_helps_by_itself(noisy_sphere, part, what):
+    problem, truth = noisy_sphere
+    effort = replace(ALONE, priors=Priors(parts=(part,), n_draw=0))
+    solution = solve(problem, effort)
+    assert list(solution.prior_scale) == ["rank" if part == "spectra" else part]
+    index = ("angle", "colour").index(what)
+    error, single = (np.abs(errors(s, truth)[index]).mean() for s in (solution, solve(problem, ALONE)))
+    assert error < 0.93 * single
+
+
+def test_edges_stay():
+    """Two materials side by side: the step between them is not blurred."""
+    light_and_dark = np.where(np.arange(48)[None, :, None] < 24, SPECTRUM, 0.3 * SPECTRUM[::-1])
+    problem, truth = sphere_problem(
+        48, event_noise=0.1, spectrum=np.broadcast_to(light_and_dark, (48, 48, 8))
+    )
+    column = problem.pixel % 48
+    spectrum = light_and_dark[0][column]
+    edge = np.isin(column, (22, 23, 24, 25))
+    single = errors(solve(problem, ALONE), truth, spectrum)[1]
+    together = errors(solve(problem, WITH_PRIORS), truth, spectrum)[1]
+    assert np.abs(together[edge]).mean() < 0.9 * np.abs(single[edge]).mean()
+    assert np.abs(together[~edge]).mean() < 0.6 * np.abs(single[~edge]).mean()
+
+
+def test_pixels_whose_events_contradict_the_light_learn_from_their_neighbours(noisy_sphere, rng):
+    """A tenth of the pixels fires at random: they end as the others, if less well known."""
+    problem, truth = noisy_sphere
+    offset, phases = problem.pairs.offset.numpy(), problem.pairs.phases.numpy().reshape(-1, 2)
+    hot = rng.random(problem.n_pixel) < 0.1
+    of_hot = np.repeat(hot, np.diff(offset))
+    phases[of_hot, 0] = rng.uniform(0, 24, of_hot.sum())
+    phases[of_hot, 1] = (1 + rng.uniform(0, 24, of_hot.sum())) * rng.choice([-1, 1], of_hot.sum())
+    spoilt = replace(
+        problem, pairs=replace(problem.pairs, phases=mi.Float(phases.astype(np.float32).ravel()))
+    )
+    solution = solve(spoilt, WITH_PRIORS)
+    assert np.mean((solution.noise_factor == levenberg.IGNORED) == hot) > 0.98
+    angle, _ = errors(solution, truth)
+    assert solution.noise == pytest.approx(0.1, rel=0.15)
+    assert np.median(angle[hot]) < 2
+    assert angle[~hot].mean() < 1
+
+
+def test_nothing_to_learn_from_is_no_error():
+    """Four pixels of one row: no prior finds a difference it could learn from, and none fails."""
+    problem, _ = sphere_problem(48, event_noise=0.1)
+    few = np.zeros(48 * 48, bool)
+    few[problem.pixel[500:503]] = True
+    grid = g.make_grid(few.reshape(48, 48), mi.UInt32)
+    offset = problem.pairs.offset.numpy()
+    part = slice(2 * offset[500], 2 * offset[503])
+    silent = problem.pairs.silent_offset.numpy()
+    probes = slice(2 * silent[500], 2 * silent[503])
+    small = replace(
+        problem,
+        pixel=problem.pixel[500:503],
+        grid=grid,
+        pairs=replace(
+            problem.pairs,
+            offset=mi.UInt32(offset[500:504] - offset[500]),
+            phases=mi.Float(problem.pairs.phases.numpy()[part]),
+            threshold_on=problem.pairs.threshold_on.numpy()[500:503],
+            threshold_off=problem.pairs.threshold_off.numpy()[500:503],
+            silent_offset=mi.UInt32(silent[500:504] - silent[500]),
+            silent_phases=mi.Float(problem.pairs.silent_phases.numpy()[probes]),
+        ),
+    )
+    small = replace(
+        small,
+        pairs=replace(
+            small.pairs,
+            threshold_on=mi.Float(small.pairs.threshold_on),
+            threshold_off=mi.Float(small.pairs.threshold_off),
+        ),
+    )
+    solution = solve(small, WITH_PRIORS)
+    assert np.isfinite(solution.theta).all() and np.isfinite(solution.covariance).all()

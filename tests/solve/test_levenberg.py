@@ -1,0 +1,164 @@
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from evsdr.events.pairs import pair_events
+from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.metrics import angular_error_deg
+from evsdr.model.illumination import HARD, Illumination
+from evsdr.model.lambert import LambertianRing
+from evsdr.records import Recording, Schedule, Sensor
+from evsdr.solve import levenberg
+from evsdr.solve.problem import make_problem
+from evsdr.solve.unknowns import normal_sigma_deg, to_theta
+from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
+
+C_W = 0.05
+ALONE = levenberg.Effort(priors=None)  # each pixel by itself
+SPECTRUM = np.array([0.1, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.6])
+
+
+NO_FLAWS = dict.fromkeys(
+    ("spread_on", "spread_off", "cutoff_hz", "photon_rate_per_us", "leak_hz", "hot_fraction", "hot_hz"), 0.0
+)
+
+
+def sphere_recording(size: int, seed: int = 0, threshold: float = 0.2, spectrum=SPECTRUM, dead=(), **flaws):
+    """A sphere recorded without Mitsuba: recording, light, normals, mask."""
+    normal, mask = sphere_normals(size)
+    signal = lambert_signals(normal, np.broadcast_to(spectrum, (size, size, 8)), ring_directions())
+    signal = np.where(mask, signal, 0)
+    signal[list(dead)] = 0
+    pixel = EventPixel(threshold, threshold, **(NO_FLAWS | flaws))
+    schedule = Schedule(np.arange(24), 10_000.0, 1.0)
+    events, _, _, starts = simulate_events(signal, C_W, schedule, 6, pixel, seed=seed)
+    recording = Recording(
+        events, Sensor(size, size, threshold, threshold, pixel.refractory_us), schedule, starts
+    )
+    light = Illumination(
+        [mi.Vector3f(*d) for d in ring_directions().tolist()],
+        [mi.Float(1.0)] * 24,
+        [j % 8 for j in range(24)],
+        mi.Float(C_W),
+    )
+    return recording, light, normal, mask
+
+
+def sphere_problem(size: int, event_noise: float, **options):
+    """A sphere simulated without Mitsuba, and the solver's view of it."""
+    recording, light, normal, mask = sphere_recording(size, event_noise=event_noise, **options)
+    return make_problem(recording, pair_events(recording, mask), light, mask), normal[mask]
+
+
+def solve(problem, effort=ALONE, start=None, thresholds=False):
+    n = problem.n_pixel
+    start = start or to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25))
+    start += [dr.zeros(mi.Float, n) for _ in range(2 if thresholds else 0)]
+    light = problem.illumination
+    return levenberg.solve(
+        LambertianRing(light), problem.pairs, light.constant_light, start, problem.grid, effort
+    )
+
+
+def errors(solution, truth, spectrum=SPECTRUM):
+    p, q = solution.theta[:, 0], solution.theta[:, 1]
+    normal = np.column_stack([-p, -q, np.ones_like(p)])
+    return angular_error_deg(normal, truth), np.exp(solution.theta[:, 2:]) - spectrum
+
+
+def test_exact_events_give_exact_maps():
+    problem, truth = sphere_problem(24, event_noise=0.0)
+    angle, difference = errors(solve(problem), truth)
+    assert np.median(angle) < 0.02
+    assert np.mean(angle < 0.5) > 0.97
+    assert np.median(np.abs(difference)) < 5e-4
+
+
+def test_noise_is_measured_and_sigma_is_honest():
+    """Angles relative to their sigma have a mean square of about 1: sigma is their root mean square."""
+    problem, truth = sphere_problem(40, event_noise=0.1)
+    solution = solve(problem)
+    assert solution.noise == pytest.approx(0.1, rel=0.1)
+    angle, difference = errors(solution, truth)
+    sigma = normal_sigma_deg(*solution.theta[:, :2].T.astype(float), solution.covariance[:, :2, :2])
+    inner = truth[:, 2] > 0.4
+    assert np.sqrt(np.mean((angle / sigma)[inner] ** 2)) == pytest.approx(1.0, abs=0.15)
+    spread = np.sqrt(np.diagonal(solution.covariance, axis1=1, axis2=2)[:, 2:]) * np.exp(
+        solution.theta[:, 2:]
+    )
+    assert np.sqrt(np.mean((difference / spread)[inner] ** 2)) == pytest.approx(1.0, abs=0.2)
+
+
+def test_no_pixel_stays_where_a_better_start_exists():
+    """Less than 0.5 % of the pixels end above the cost that a start from the truth reaches."""
+    problem, truth = sphere_problem(40, event_noise=0.1)
+    reached = solve(problem)
+    n = problem.n_pixel
+    best = solve(
+        problem, replace(ALONE, stages=((HARD, 0.1, 10),)), to_theta(truth, np.tile(SPECTRUM, (n, 1)))
+    )
+    assert np.mean(reached.cost > best.cost + 1) < 0.005
+
+
+def test_silence_informs():
+    """LEDs that cause no event say so: dark bands are known far better."""
+    spectrum = np.array([0.03, 0.02, 0.04, 0.5, 0.03, 0.6, 0.03, 0.02])
+    problem, truth = sphere_problem(40, event_noise=0.1, threshold=0.4, spectrum=spectrum)
+    _, difference = errors(solve(problem), truth, spectrum)
+    _, deaf_difference = errors(solve(problem, replace(ALONE, fine=False)), truth, spectrum)
+    dark = spectrum < 0.1
+    assert np.abs(difference[:, dark]).mean() < 0.7 * np.abs(deaf_difference[:, dark]).mean()
+
+
+@pytest.mark.parametrize("told", [0.5, 0.85, 1.15, 2.0])
+def test_thresholds_told_wrong_are_found(told):
+    """With what the events say, the maps are as good as with true thresholds."""
+    problem, truth = sphere_problem(40, event_noise=0.1)
+    best_angle, best_difference = errors(solve(problem), truth)
+    pairs = problem.pairs
+    wrong = replace(pairs, threshold_on=pairs.threshold_on * told, threshold_off=pairs.threshold_off * told)
+    solution = solve(replace(problem, pairs=wrong), thresholds=True)
+    assert np.median(solution.threshold_gain, axis=0) == pytest.approx(1 / told, rel=0.03)
+    assert np.std(np.log(solution.threshold_gain), axis=0).max() < 0.015  # there is no fixed pattern
+    angle, difference = errors(solution, truth)
+    assert angle.mean() < 1.2 * best_angle.mean()
+    assert np.sqrt(np.mean(difference**2)) < 1.5 * np.sqrt(np.mean(best_difference**2))
+
+
+def test_a_fixed_pattern_of_thresholds_is_found(rng):
+    """Each pixel's own thresholds, told as one value; their sigmas are honest."""
+    problem, truth = sphere_problem(40, event_noise=0.1)
+    pattern = np.exp(rng.normal(0, [0.2, 0.1], (problem.n_pixel, 2)))
+    pairs = problem.pairs
+    told = [
+        mi.Float((t.numpy() / p).astype(np.float32))
+        for t, p in zip((pairs.threshold_on, pairs.threshold_off), pattern.T)
+    ]
+    unknown = replace(problem, pairs=replace(pairs, threshold_on=told[0], threshold_off=told[1]))
+    solution = solve(unknown, thresholds=True)
+    error = np.log(solution.threshold_gain / pattern)
+    assert np.std(error, axis=0).max() < 0.04  # of 0.2 and 0.1
+    assert np.sqrt(np.mean((error / solution.threshold_gain_sigma) ** 2)) == pytest.approx(1, abs=0.3)
+    angle, _ = errors(solution, truth)
+    ignorant, _ = errors(solve(unknown), truth)
+    assert angle.mean() < 0.8 * ignorant.mean()
+
+
+def test_the_hard_horizon_alone_gets_stuck_and_other_starts_free_it():
+    problem, truth = sphere_problem(32, event_noise=0.1)
+    direct = solve(problem, replace(ALONE, stages=((HARD, 0.3, 20),), n_sweep=0))
+    freed = solve(problem, replace(ALONE, stages=((HARD, 0.3, 20),), n_sweep=4))
+    assert np.mean(freed.cost) < np.mean(direct.cost) - 1
+    assert errors(freed, truth)[0].mean() < errors(direct, truth)[0].mean()
+
+
+def test_sigma_of_slopes_is_the_angle_that_sampling_shows(rng):
+    p, q, covariance = 0.8, -0.5, np.array([[4e-4, 1e-4], [1e-4, 2e-4]])
+    slopes = rng.multivariate_normal([p, q], covariance, 20000)
+    normal = np.column_stack([-slopes, np.ones(len(slopes))])
+    sampled = np.sqrt(np.mean(angular_error_deg(normal, np.array([-p, -q, 1.0])) ** 2))
+    sigma = normal_sigma_deg(np.array([p]), np.array([q]), covariance[None])[0]
+    assert sigma == pytest.approx(sampled, rel=0.02)

@@ -1,0 +1,55 @@
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from evsdr.solve import triangles
+
+N, N_PIXEL = 7, 50
+
+
+@pytest.fixture
+def matrix(rng):
+    """Random symmetric matrices (N_PIXEL, N, N)."""
+    root = rng.normal(size=(N_PIXEL, N, N))
+    return root @ np.swapaxes(root, 1, 2) + 0.5 * np.eye(N)
+
+
+def triangle(matrix):
+    rows, columns = np.tril_indices(N)
+    return [mi.Float(matrix[:, i, j].astype(np.float32)) for i, j in zip(rows, columns)]
+
+
+def vectors(values):
+    return [mi.Float(v.astype(np.float32)) for v in values.T]
+
+
+def numbers(arrays):
+    return np.array([v.numpy() for v in arrays]).T
+
+
+def test_damped_systems_are_solved(matrix, rng):
+    right, damping = rng.normal(size=(N_PIXEL, N)), 0.3
+    x = triangles.solve(*triangles.factor(triangle(matrix), mi.Float(damping)), vectors(right))
+    expected = np.linalg.solve(matrix + damping * matrix * np.eye(N), right[..., None])[..., 0]
+    np.testing.assert_allclose(numbers(x), expected, rtol=5e-3, atol=5e-3)
+
+
+def test_the_inverse_is_the_inverse(matrix):
+    inverse = numbers(triangles.invert(*triangles.factor(triangle(matrix))))
+    rows, columns = np.tril_indices(N)
+    np.testing.assert_allclose(inverse, np.linalg.inv(matrix)[:, rows, columns], rtol=2e-2, atol=5e-3)
+
+
+def test_the_product_is_the_product(matrix, rng):
+    x = rng.normal(size=(N_PIXEL, N))
+    product = numbers(triangles.multiply(triangle(matrix), vectors(x)))
+    np.testing.assert_allclose(product, np.einsum("xij,xj->xi", matrix, x), rtol=1e-4, atol=1e-4)
+
+
+def test_coloured_noise_has_the_matrix_as_covariance(matrix):
+    """Columns of a root: colouring the unit vectors gives a matrix whose square is M."""
+    lower, pivot = triangles.factor(triangle(matrix))
+    root = np.stack(
+        [numbers(triangles.color(lower, pivot, vectors(np.eye(N)[[k] * N_PIXEL]))) for k in range(N)], -1
+    )
+    np.testing.assert_allclose(root @ np.swapaxes(root, 1, 2), matrix, rtol=1e-4, atol=1e-3)
