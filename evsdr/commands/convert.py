@@ -1,6 +1,6 @@
 """`python -m evsdr.convert recording.raw --ring ring.json`: join a camera's recording and the ring's log.
 
-The result is an events.h5 as `evsdr.recording` reads it: the events of the complete rounds, their starts on
+The result is an events.h5 as `evsdr.files.events_h5` reads it: the events of the complete rounds, their starts on
 the camera's clock, the sensor and the schedule.
 """
 

@@ -119,10 +119,12 @@ def render(options: Options) -> tuple[np.ndarray, Truth, float]:
 
     jit.start()
     from evsdr.light import scene as scenes
+    from evsdr.light.ground_truth import surface_maps
+    from evsdr.light.tracing import led_images
 
     ring = scenes.load_scene(options.scene, parse_definitions(options.define))
     sharp = ring.integrator.max_depth == 1 and all(e.get_shape() is None for e in ring.leds.emitter)
     spp = options.spp or (SPP if sharp else SOFT_SPP)
-    maps = scenes.surface_maps(ring, spp, options.seed)
-    signal = scenes.led_images(ring, spp, options.seed)
+    maps = surface_maps(ring, spp, options.seed)
+    signal = led_images(ring, spp, options.seed)
     return signal, Truth(maps.normal, maps.reflectance, maps.mask), ring.constant_light

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import mitsuba as mi
 import numpy as np
 
 from evsdr.effects.world import Fitted
@@ -133,7 +132,8 @@ def solve(
         reflectance = maps.reflectance.reshape(-1, light.n_band)[problem.pixel]
         if estimate_thresholds:
             log_gain = np.log(solution.threshold_gain)
-    unknown_gain = [mi.Float(np.ascontiguousarray(g, np.float32)) for g in log_gain.T]
+    Float = type(problem.pairs.phases)
+    unknown_gain = [Float(np.ascontiguousarray(g, np.float32)) for g in log_gain.T]
     if options.solver == "adam":
         settings = published.AdamSettings()
         normal, reflectance = published.solve(
@@ -154,7 +154,7 @@ def solve(
         LambertianRing(light),
         problem.pairs,
         light.constant_light,
-        to_theta(normal, reflectance) + (unknown_gain if estimate_thresholds else []),
+        to_theta(normal, reflectance, Float) + (unknown_gain if estimate_thresholds else []),
         problem.grid,
         effort,
         progress,

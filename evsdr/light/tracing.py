@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 
 from evsdr.integrators.gather import Surface, gather, pixel_finder
-from evsdr.integrators.ring import find_object, rotate
+from evsdr.integrators.ring import camera_frame, find_object, mean_vector, rotate
 from evsdr.light.camera import camera_geometry
 from evsdr.light.ground_truth import _central
 from evsdr.light.scene import RingScene
@@ -102,3 +102,13 @@ def trace_indirect(
         out = gather(ring.scene, ring.leds, surface, signal, GATHER_RAYS, seed, skip)
         dr.eval(out)
     return out
+
+
+def light_at_centre(ring: RingScene) -> np.ndarray:
+    """Give the light vectors (n_led, 3) at the centre of the object, in the camera frame."""
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    box = next(s for s in ring.scene.shapes() if s.id() == "object").bbox()
+    si.p = 0.5 * (box.min + box.max)
+    frame = camera_frame(ring.sensor)
+    vectors = [rotate(frame, mean_vector(ring.leds, j, si, mi.Bool(True))) for j in range(ring.leds.n_led)]
+    return ring.leds.power[:, None] * np.array([np.array(v, float).ravel() for v in vectors])

@@ -98,7 +98,7 @@ def event_pair_bound(
     recording = Recording(events, sensor, schedule, starts)
     problem = make_problem(recording, pair_events(recording, mask), light, mask)
 
-    theta = to_theta(normal[mask], reflectance[mask])
+    theta = to_theta(normal[mask], reflectance[mask], type(light.constant_light))
     p, q, *r = (np.asarray(t.numpy(), float) for t in theta)
     matrix = _information(problem, theta, pixel.event_noise)
     covariance, known = invert_information(matrix)

@@ -42,17 +42,19 @@ def judge(options):
 
             jit.start()
             from evsdr.light import scene as scenes
+            from evsdr.light.ground_truth import surface_maps
+            from evsdr.light.tracing import led_images, light_at_centre, trace_illumination
             from evsdr.limits.bound import event_pair_bound
         with stages.stage("trace"):
             ring = scenes.load_scene(options.scene, parse_definitions(options.define))
             schedule = make_schedule(options, ring.leds.n_led)
-            truth = scenes.surface_maps(ring, options.spp, options.seed)
+            truth = surface_maps(ring, options.spp, options.seed)
             if not truth.mask.any():
                 raise InputError(
                     f"{options.scene}: the camera does not see the shape object; move one of them."
                 )
-            signal = scenes.led_images(ring, options.spp, options.seed)
-            illumination, _ = scenes.trace_illumination(ring, options.spp, True, options.seed)
+            signal = led_images(ring, options.spp, options.seed)
+            illumination, _ = trace_illumination(ring, options.spp, True, options.seed)
         with stages.stage("bound"):
             try:
                 bound = event_pair_bound(
@@ -127,21 +129,6 @@ def make_schedule(options, n_led: int) -> Schedule:
     if not order.size or order.min() < -1 or order.max() >= n_led or order.max() < 0:
         raise InputError(f"--order must name LEDs from 0 to {n_led - 1}, or -1 for none; correct it.")
     return Schedule(order, options.slot_us, options.crossfade)
-
-
-def light_at_centre(ring) -> np.ndarray:
-    """Give the light vectors (n_led, 3) at the centre of the object, in the camera frame."""
-    import drjit as dr
-    import mitsuba as mi
-
-    from evsdr.integrators.ring import camera_frame, mean_vector, rotate
-
-    si = dr.zeros(mi.SurfaceInteraction3f)
-    box = next(s for s in ring.scene.shapes() if s.id() == "object").bbox()
-    si.p = 0.5 * (box.min + box.max)
-    frame = camera_frame(ring.sensor)
-    vectors = [rotate(frame, mean_vector(ring.leds, j, si, mi.Bool(True))) for j in range(ring.leds.n_led)]
-    return ring.leds.power[:, None] * np.array([np.array(v, float).ravel() for v in vectors])
 
 
 def describe_leds(ring, light: np.ndarray, safe: tuple[float, float] | None) -> list[dict]:

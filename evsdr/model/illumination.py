@@ -4,8 +4,6 @@ from dataclasses import dataclass, replace
 
 import drjit as dr
 
-from evsdr.solve.grid import Grid
-
 HARD = 1e-3  # softness of a horizon that is hard for all purposes
 OF_SPREAD = 0.8  # softness of a horizon over which n . l is spread, see `pixel_horizon`
 
@@ -62,7 +60,7 @@ class Illumination:
         return replace(self, direction=direction, irradiance=irradiance, indirect=indirect)
 
 
-def pixel_horizon(p, q, grid: Grid):
+def pixel_horizon(p, q, grid):
     """Give the softness of the horizon that averages over a pixel of a curved surface.
 
     n . l varies within a pixel; at the horizon the mean of max(0, n . l) over normally distributed values of standard
@@ -73,7 +71,7 @@ def pixel_horizon(p, q, grid: Grid):
     ----------
     p, q : Float, (n_pixel)
         Slopes.
-    grid : Grid
+    grid : solve.grid.Grid
         Neighbours, whose normals give the gradient.
 
     Returns

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from evsdr.events.pairs import Pairs
@@ -66,14 +65,16 @@ def make_problem(
     hot : (height, width) bool, optional
         Pixels whose events and silences count for nothing.
     """
+    Float = type(light.constant_light)
+    UInt32 = dr.uint32_array_t(Float)
     pixel = np.flatnonzero(mask)
     heard = mask if hot is None else mask & ~hot
-    offset, chosen = _of_list(pairs.offset, mask, heard)
-    silent_offset, silent = _of_list(pairs.silent_offset, mask, heard)
+    offset, chosen = _of_list(pairs.offset, mask, heard, UInt32)
+    silent_offset, silent = _of_list(pairs.silent_offset, mask, heard, UInt32)
     no_polarity = np.ones(np.count_nonzero(silent), np.int8)
 
     def threshold(value):
-        return mi.Float(np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
+        return Float(np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
 
     sensor = recording.sensor
     return Problem(
@@ -81,31 +82,33 @@ def make_problem(
         fired=np.diff(pairs.offset)[pixel] > 0,
         pairs=PairData(
             offset=offset,
-            phases=mi.Float(
+            phases=Float(
                 pack_phases(pairs.phase_start[chosen], pairs.phase_end[chosen], pairs.polarity[chosen])
             ),
             threshold_on=threshold(sensor.contrast_threshold_on),
             threshold_off=threshold(sensor.contrast_threshold_off),
-            slot_leds=mi.UInt32(pack_slots(recording.schedule.order, light.n_led)),
+            slot_leds=UInt32(pack_slots(recording.schedule.order, light.n_led)),
             silent_offset=silent_offset,
-            silent_phases=mi.Float(
+            silent_phases=Float(
                 pack_phases(pairs.silent_start[silent], pairs.silent_probe[silent], no_polarity)
             ),
         ),
-        illumination=_of_pixels(light, mi.UInt32(pixel.astype(np.uint32))),
-        grid=make_grid(mask, mi.UInt32),
+        illumination=_of_pixels(light, UInt32(pixel.astype(np.uint32))),
+        grid=make_grid(mask, UInt32),
     )
 
 
-def _of_list(offset: np.ndarray, mask: np.ndarray, heard: np.ndarray) -> tuple[mi.UInt32, np.ndarray]:
+def _of_list(offset: np.ndarray, mask: np.ndarray, heard: np.ndarray, UInt32: type) -> tuple:
     """Give the offsets of a list for the masked pixels, and which entries it keeps: those of pixels heard."""
     count = np.diff(offset)
     kept = np.concatenate([[0], np.cumsum(np.where(heard.ravel(), count, 0)[mask.ravel()])])
-    return mi.UInt32(kept.astype(np.uint32)), np.repeat(heard.ravel(), count)
+    return UInt32(kept.astype(np.uint32)), np.repeat(heard.ravel(), count)
 
 
-def _of_pixels(light: Illumination, pixel: mi.UInt32) -> Illumination:
+def _of_pixels(light: Illumination, pixel) -> Illumination:
     """Keep the light of some pixels, with a constant light above 0."""
     brightest = max(float(dr.max(e)[0]) for e in light.irradiance)
-    constant_light = dr.opaque(mi.Float, max(float(light.constant_light[0]), DARK * brightest))
+    constant_light = dr.opaque(
+        type(light.constant_light), max(float(light.constant_light[0]), DARK * brightest)
+    )
     return replace(light.gather(pixel), constant_light=constant_light)

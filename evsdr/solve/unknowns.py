@@ -1,17 +1,16 @@
 """What the unknowns of a pixel mean."""
 
-import mitsuba as mi
 import numpy as np
 
 from evsdr.solve import levenberg
 
 
-def to_theta(normal: np.ndarray, reflectance: np.ndarray) -> list[mi.Float]:
-    """Give slopes and log reflectances as Dr.Jit arrays."""
+def to_theta(normal: np.ndarray, reflectance: np.ndarray, Float: type) -> list:
+    """Give slopes and log reflectances as Dr.Jit arrays of a type."""
     nz = np.maximum(normal[:, 2], 1 / levenberg.LARGEST_SLOPE)
     columns = [-normal[:, 0] / nz, -normal[:, 1] / nz]
     columns += list(np.log(np.maximum(reflectance, np.exp(levenberg.LOG_REFLECTANCE_RANGE[0]))).T)
-    return [mi.Float(np.ascontiguousarray(c, np.float32)) for c in columns]
+    return [Float(np.ascontiguousarray(c, np.float32)) for c in columns]
 
 
 def normal_sigma_deg(p: np.ndarray, q: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -104,7 +104,9 @@ def solve(
     light = problem.illumination
     if start is None:
         normal = np.tile([0.0, 0.0, 1.0], (problem.n_pixel, 1))
-        theta = to_theta(normal, np.full((problem.n_pixel, light.n_band), levenberg.REFLECTANCE_CENTRE))
+        theta = to_theta(
+            normal, np.full((problem.n_pixel, light.n_band), levenberg.REFLECTANCE_CENTRE), mi.Float
+        )
     else:
         theta = [mi.Float(np.ascontiguousarray(column, np.float32)) for column in start.T]
         effort = replace(effort, stages=AGAIN)

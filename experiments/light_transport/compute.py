@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evsdr.commands import fit, simulate
+from evsdr.fitting import story
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = REPOSITORY / "scenes"
@@ -109,7 +110,7 @@ def run(case: Case, folder: Path, size: int) -> list[Result]:
 def fit_one(case: Case, folder: Path, define: tuple, name: str, options: dict) -> Result:
     """Fit in one way."""
     given = {"truth": folder / "truth.npz", "define": define}
-    _, summary = fit.fit(
+    _, summary = story.fit(
         fit.Options(scene_file(case.fitted, folder), folder / "events.h5", **given, **options)
     )
     seconds = sum(summary["seconds"].values())

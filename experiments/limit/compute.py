@@ -10,8 +10,10 @@ import numpy as np
 
 from evsdr.commands import fit, simulate
 from evsdr.errors import InputError
+from evsdr.events import record as recording_of
 from evsdr.events.pairs import pair_events
 from evsdr.events.pixel import EventPixel
+from evsdr.events.record import IDEAL
 from evsdr.fitting import decoder
 from evsdr.fitting.checks import PRIORS
 from evsdr.fitting.maps import assemble_maps
@@ -53,7 +55,7 @@ class Setting:
 
     def pixel(self) -> EventPixel:
         """Give the event pixel: ideal but for event noise and refractory period."""
-        return EventPixel(self.threshold_on, self.threshold_off, event_noise=self.noise, **simulate.IDEAL)
+        return EventPixel(self.threshold_on, self.threshold_off, event_noise=self.noise, **IDEAL)
 
 
 BASE = Setting()
@@ -120,7 +122,7 @@ def led_signal(rendered: Rendered) -> float:
 def record(rendered: Rendered, setting: Setting, seed: int = 0) -> Recording:
     """Simulate a recording, as `evsdr.simulate --ideal` does; it tells the thresholds."""
     options = simulate.Options(out=Path(), rounds=setting.rounds, pixel=setting.pixel(), seed=seed)
-    return simulate.record(rendered.signal, setting.constant_light, options)
+    return recording_of.record(rendered.signal, setting.constant_light, options)
 
 
 def recover(rendered: Rendered, setting: Setting, recording: Recording, preset: str, priors: bool) -> Maps:

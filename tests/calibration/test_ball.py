@@ -40,7 +40,7 @@ PIXEL_NOISE = dict(IDEAL, event_noise=0.02)
 @pytest.fixture(autouse=True)
 def few_pairs(monkeypatch):
     """Enough for the accuracy asked for, and quick."""
-    monkeypatch.setattr("evsdr.calibrate_pairs.MOST_PAIRS", 12_000)
+    monkeypatch.setattr("evsdr.calibration.equations.MOST_PAIRS", 12_000)
 
 
 def camera(size: int = SIZE, perspective: bool = False) -> View:

@@ -28,7 +28,7 @@ WITH_DARK = tuple(k for j in range(24) for k in (j, -1))
 @pytest.fixture(autouse=True)
 def few_pairs(monkeypatch):
     """Enough for the accuracy asked for, and quick."""
-    monkeypatch.setattr("evsdr.calibrate_pairs.MOST_PAIRS", 10_000)
+    monkeypatch.setattr("evsdr.calibration.equations.MOST_PAIRS", 10_000)
 
 
 def tilt(polar_deg: float, azimuth_deg: float) -> np.ndarray:
@@ -107,7 +107,7 @@ def test_tilts_that_hardly_differ_are_refused():
 
 def test_noise_of_the_thresholds_does_not_bias_c_w(monkeypatch):
     """Ten percent: plain least squares makes C_w two to three percent too large."""
-    monkeypatch.setattr("evsdr.calibrate_pairs.MOST_PAIRS", 30_000)
+    monkeypatch.setattr("evsdr.calibration.equations.MOST_PAIRS", 30_000)
     noisy = EventPixel(**dict(IDEAL, event_noise=0.1, spread_on=0.02, spread_off=0.02))
     found = solve(TILTS, WITH_DARK, np.ones(24), pixel=noisy)
     assert found.constant_light == pytest.approx(LIGHT, rel=0.012)

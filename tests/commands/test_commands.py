@@ -202,7 +202,7 @@ def process(*words, **variables):
 @pytest.mark.parametrize("name", ["fit", "simulate"])
 def test_help_does_not_load_mitsuba(name):
     at_exit = "atexit.register(lambda: print(sorted(sys.modules)))"
-    code = f"import atexit, sys; from evsdr.{name} import main; {at_exit}; main()"
+    code = f"import atexit, sys; from evsdr.commands.{name} import main; {at_exit}; main()"
     run = process("-c", code, "--help", COLUMNS="100")
     assert run.returncode == 0 and run.stderr == ""
     assert f"usage: python -m evsdr.{name} " in run.stdout

@@ -97,7 +97,7 @@ def sphere(lobes=(), size=40, event_noise=0.1, seed=0):
 
 def solve(problem, model=None):
     n = problem.n_pixel
-    start = to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25))
+    start = to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25), mi.Float)
     light = problem.illumination
     model = model or LambertianRing(light)
     effort = levenberg.Effort(priors=None)
@@ -190,7 +190,7 @@ def test_normal_equations_know_what_scales_with_reflectance(coated):
     pairs = thin(problem.pairs, 40)
     n, light = problem.n_pixel, problem.illumination
     model = GlossyRing(light, RoughCoating(mi.Float(0.3), mi.Float(1.5)))
-    theta = np.array([t.numpy() for t in to_theta(normal, 0.8 * reflectance)], float)
+    theta = np.array([t.numpy() for t in to_theta(normal, 0.8 * reflectance, mi.Float)], float)
 
     def evaluate(theta):
         p, q, *rho = floats(*theta)
@@ -214,7 +214,7 @@ def test_weights_count(coated):
     """A pair of weight 2 counts twice, one of weight 0 not at all."""
     problem, normal, reflectance, _ = coated
     n, light = problem.n_pixel, problem.illumination
-    p, q, *rho = to_theta(normal, reflectance)
+    p, q, *rho = to_theta(normal, reflectance, mi.Float)
     signals = LambertianRing(light)(p, q, [dr.exp(r) for r in rho], mi.Float(0.01))
     table = derivative_table(*signals, light.band, n)
 
@@ -268,7 +268,7 @@ def test_the_coating_is_found_and_mends_the_maps(coated):
 def test_materials_have_their_own_lobes():
     """A broad strong lobe on one half, a narrow weak one on the other."""
     problem, normal, reflectance, left = sphere([(RoughCoating, 0.35, 1.5), (RoughCoating, 0.12, 0.5)])
-    theta = np.array([t.numpy() for t in to_theta(normal, reflectance)]).T
+    theta = np.array([t.numpy() for t in to_theta(normal, reflectance, mi.Float)]).T
     label = sort_materials(reflectance)
     assert label.max() == 1 and np.ptp(label[left]) == np.ptp(label[~left]) == 0
     gloss = fit_gloss(problem, theta, 0.1, RoughCoating, label)

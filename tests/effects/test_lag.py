@@ -44,7 +44,7 @@ def sphere(cutoff_hz, photon_rate_per_us=0.0, size=32):
 def solve(recording, light, mask, receptors=None):
     problem = make_problem(recording, pair_events(recording, mask, receptors), light, mask)
     n = problem.n_pixel
-    start = to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25))
+    start = to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25), mi.Float)
     effort = levenberg.Effort(priors=None)
     model = LambertianRing(problem.illumination)
     return problem, levenberg.solve(model, problem.pairs, light.constant_light, start, problem.grid, effort)

@@ -60,7 +60,7 @@ def twin(recording, mask):
 @pytest.mark.filterwarnings("ignore:.*refractory_us.*")
 @pytest.mark.parametrize("masked", [False, True])
 def test_brute_force_twin(recording, masked, monkeypatch):
-    monkeypatch.setattr("evsdr.pairs.CHUNK", 301)  # several chunks
+    monkeypatch.setattr("evsdr.events.pairs.CHUNK", 301)  # several chunks
     mask = np.random.default_rng(1).random((HEIGHT, WIDTH)) < (0.6 if masked else 1)
     expected, n_event, n_dropped = twin(recording, mask)
     pairs = pair_events(recording, mask if masked else None)

@@ -117,7 +117,7 @@ def test_filters_of_hdf5plugin_are_read(path, recording):
         table = file["CD/events"][()]
         del file["CD/events"]
         file.create_dataset("CD/events", data=table, **hdf5plugin.Zstd())
-    script = "import sys, evsdr.recording as r; print(r.read_recording(sys.argv[1]).events.t.sum())"
+    script = "import sys, evsdr.files.events_h5 as r; print(r.read_recording(sys.argv[1]).events.t.sum())"
     # in a process that has not imported hdf5plugin yet
     done = subprocess.run([sys.executable, "-c", script, path], capture_output=True, text=True, check=True)
     assert int(done.stdout) == recording.events.t.sum()

@@ -55,7 +55,7 @@ def sphere_problem(size: int, event_noise: float, **options):
 
 def solve(problem, effort=ALONE, start=None, thresholds=False):
     n = problem.n_pixel
-    start = start or to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25))
+    start = start or to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25), mi.Float)
     start += [dr.zeros(mi.Float, n) for _ in range(2 if thresholds else 0)]
     light = problem.illumination
     return levenberg.solve(
@@ -98,7 +98,9 @@ def test_no_pixel_stays_where_a_better_start_exists():
     reached = solve(problem)
     n = problem.n_pixel
     best = solve(
-        problem, replace(ALONE, stages=((HARD, 0.1, 10),)), to_theta(truth, np.tile(SPECTRUM, (n, 1)))
+        problem,
+        replace(ALONE, stages=((HARD, 0.1, 10),)),
+        to_theta(truth, np.tile(SPECTRUM, (n, 1)), mi.Float),
     )
     assert np.mean(reached.cost > best.cost + 1) < 0.005
 
