@@ -19,4 +19,4 @@ class _Beside:
 
 
 if (_Beside.checkout / "pyproject.toml").is_file():  # a wheel carries them inside the package
-    sys.meta_path.append(_Beside)
+    sys.meta_path.insert(0, _Beside)
