@@ -134,8 +134,8 @@ def _residuals(
     light_of_slot = signals_of(light, theta)[led] + float(light.constant_light[0])
 
     def log_light(phase):
-        slot = np.floor(phase).astype(np.int64)
-        fade, following = phase - slot, (slot + 1) % len(led)
+        slot = np.floor(phase).astype(np.int64) % len(led)  # phases may have been rounded up
+        fade, following = phase % 1, (slot + 1) % len(led)
         return np.log((1 - fade) * light_of_slot[slot, pixel] + fade * light_of_slot[following, pixel])
 
     threshold = np.stack([pairs.threshold_on.numpy(), pairs.threshold_off.numpy()], axis=-1)

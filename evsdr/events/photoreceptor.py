@@ -8,7 +8,9 @@ While I is a ramp of slope b, d = log I - v has a closed form in I: with k = 1 /
 
     dd/dI = 1 / I - k I d,    d(I) = exp(-k I^2 / 2) (d_0 exp(k I_0^2 / 2) + INT_(I_0)^I exp(k s^2 / 2) / s ds),
 
-whose integral is half of Ei where light grows, and half of -E1 where it falls. While I stays, d decays.
+whose integral is half of Ei where light grows, and half of -E1 where it falls. While I stays, d decays. At a hard
+switch v stays and d gains the change of log I; as v then passes through all the light between, it shows that of a
+crossfade, as if there were one.
 
 Shot noise makes v cross a threshold early, and some of that noise is still there when the reference is memorised:
 both lie beyond v in the direction of the event. Between events of one polarity that cancels; the next event of the other
@@ -27,6 +29,7 @@ FLAT = 1e-6  # change of I over a slot, relative to it, below which it stays
 MOST_EARLY = (
     0.08  # of a crossfade, by noise: where light hardly changes the model's is too uncertain for more
 )
+ROUNDING = 1e-9  # of what is shown, relative
 N_ROUND = 2  # until a pixel does not know how it was started
 
 
@@ -108,19 +111,20 @@ class Photoreceptors:
 
 @njit(cache=True, inline="always")
 def _read(table, z):
-    """Interpolate a table; beyond it both functions are 1 / z."""
+    """Interpolate a table; above it both functions are 1 / z, below it straight in log z."""
     if z > LARGEST_Z:
         return 1 / z
-    at = (np.log(max(z, 1e-300)) - LOG_Z[0]) / (LOG_Z[1] - LOG_Z[0])
-    at = min(max(at, 0.0), len(LOG_Z) - 1.001)
-    k = int(at)
+    at = (np.log(z) - LOG_Z[0]) / (LOG_Z[1] - LOG_Z[0])
+    k = min(max(int(at), 0), len(LOG_Z) - 2)
     return table[k] + (at - k) * (table[k + 1] - table[k])
 
 
 @njit(cache=True)
 def _follow(late, start, end, duration, tau, tables):
     """Give log I - v at the end of a ramp, from that at its start; times in slots."""
-    slope = (end - start) / duration if duration > 0 else 0.0
+    if duration == 0:
+        return late + np.log(end / start)
+    slope = (end - start) / duration
     if abs(end - start) <= FLAT * start:
         return late * np.exp(-0.5 * (start + end) * duration / tau)
     z0, z = start**2 / (2 * tau * abs(slope)), end**2 / (2 * tau * abs(slope))
@@ -169,7 +173,7 @@ def _shown(position, row, noise, light, late, tau, crossfade, tables):
         for back in range(n_slot):
             at = (slot - back) % n_slot
             start = light[i, at]
-            if (shown - start) * (shown - end) <= 0:
+            if min(start, end) <= shown * (1 + ROUNDING) and shown <= max(start, end) * (1 + ROUNDING):
                 share = (shown - start) / (end - start) if end != start else 1.0
                 fade = reached * share
                 rise = (light[i, (at + 1) % n_slot] - start) / shown

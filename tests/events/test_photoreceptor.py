@@ -5,14 +5,14 @@ import pytest
 
 from evsdr.events.photoreceptor import Photoreceptors
 
-N_SLOT, N_STEP = 7, 20_000  # steps per round
+N_SLOT, N_STEP = 7, 10_500  # steps per round, 1500 per slot
 TAU = 0.01  # slots: slower than an EVK4 in slots of 20 ms
 
 
 def light_at(position, light, crossfade):
     """Give I (n_pixel) at slot + fraction."""
     slot = int(position) % N_SLOT
-    fade = max(position - int(position) - (1 - crossfade), 0) / crossfade
+    fade = max(position - int(position) - (1 - crossfade), 0) / crossfade if crossfade else 0
     return light[:, slot] + fade * (light[:, (slot + 1) % N_SLOT] - light[:, slot])
 
 
@@ -35,11 +35,14 @@ def light(rng):
     return out
 
 
-@pytest.mark.parametrize("crossfade, tau", [(1.0, TAU), (0.3, TAU), (1.0, 10 * TAU)])
+@pytest.mark.parametrize(
+    "crossfade, tau",
+    [(1.0, TAU), (0.3, TAU), (1.0, 10 * TAU), (0.02, TAU), (1e-9, TAU), (0.0, TAU), (0.0, 10 * TAU)],
+)
 def test_light_of_the_phase_is_what_is_shown(light, crossfade, tau):
     receptors = Photoreceptors.under(light, np.arange(6, dtype=np.int32), tau, crossfade)
     v = stepped(light, crossfade, tau)
-    step = np.arange(50, N_STEP, 97)
+    step = np.arange(50, N_STEP, 49)
     position = (step + 1) * N_SLOT / N_STEP
     worst, moved = 0, 0
     for pixel in range(6):
@@ -56,6 +59,16 @@ def test_fast_photoreceptors_show_the_light_of_now(light):
     receptors = Photoreceptors.under(light, np.arange(6, dtype=np.int32), 1e-7, 1.0)
     position = np.linspace(0.2, 6.9, 50)
     np.testing.assert_allclose(receptors.shown(position, np.full(50, 3)), position, atol=1e-3)
+
+
+def test_the_moment_of_a_hard_switch_shows_the_light_before_it(light):
+    receptors = Photoreceptors.under(light, np.arange(6, dtype=np.int32), 1e-4, 0.0)
+    slot = np.repeat(np.arange(1, N_SLOT), 6)
+    phase = receptors.shown(slot.astype(float), np.tile(np.arange(6), N_SLOT - 1)).astype(float)
+    before, fade = phase.astype(int), phase % 1
+    pixel = np.tile(np.arange(6), N_SLOT - 1)
+    found = light[pixel, before] + fade * (light[pixel, (before + 1) % N_SLOT] - light[pixel, before])
+    np.testing.assert_allclose(found, light[pixel, slot - 1], rtol=1e-6)
 
 
 def test_noise_adds_to_what_is_shown():
