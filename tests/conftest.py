@@ -11,7 +11,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 import numpy as np
 import pytest
 
-pytest.register_assert_rewrite("tests.support.command_line")
+pytest.register_assert_rewrite("tests.support")
 
 from evsdr import jit
 from evsdr.commands import simulate

@@ -76,3 +76,9 @@ def test_every_room_is_packaged():
     folders = {path.parent for path in (REPOSITORY / "evsdr").rglob("__init__.py")}
     rooms = {".".join(folder.relative_to(REPOSITORY).parts) for folder in folders}
     assert set(packages) == rooms | {"evsdr.integrators", "evsdr.scenes"}
+
+
+def test_no_test_imports_from_a_test():
+    for path in (REPOSITORY / "tests").rglob("*.py"):
+        taken = [name for name in imports(path) if name.startswith("tests.")]
+        assert all(name.split(".")[1] in ("support", "conftest") for name in taken), path

@@ -19,10 +19,10 @@ from evsdr.files.events_h5 import read_recording
 from evsdr.rig import camera as cameras
 from evsdr.rig.camera import ManualCamera, SdkCamera, open_camera
 from evsdr.rig.driver import Ring, RingSettings
-from tests.commands.test_convert import LOG, N_ROUND, STARTS, pulses
 from tests.conftest import REPOSITORY
 from tests.support.camera_files import encode_raw, make_recording
 from tests.support.fake_ring import FakeRing
+from tests.support.ring_log import LOG, N_ROUND, STARTS, pulses
 
 SENSOR = dict(threshold_on=0.25, threshold_off=0.4, refractory_us=52.0)
 

@@ -6,7 +6,8 @@ import pytest
 
 from evsdr.effects.gloss import solve_gloss
 from evsdr.solve import levenberg
-from tests.effects.test_gloss_fit import KINDS, mean_error, solve, sphere
+from tests.support.glossy import KINDS, mean_error, sphere
+from tests.support.sphere import solve
 
 ALONE = levenberg.Effort(priors=None)
 

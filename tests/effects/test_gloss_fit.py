@@ -6,106 +6,20 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.commands.simulate import Options
 from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence, sort_materials
-from evsdr.events.pairs import pair_events
-from evsdr.events.pixel import EventPixel
-from evsdr.events.record import record
 from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import load_scene
-from evsdr.metrics import angular_error_deg
-from evsdr.model.gloss import BlinnPhong, GlossyRing, RoughCoating
-from evsdr.model.illumination import Illumination
+from evsdr.model.gloss import GlossyRing, RoughCoating
 from evsdr.model.lambert import LambertianRing
-from evsdr.solve import levenberg
 from evsdr.solve.loss import derivative_table, normal_equations, pair_residuals
 from evsdr.solve.pair_data import thin
-from evsdr.solve.problem import make_problem
 from evsdr.solve.published import gate_weights, pair_weights
 from evsdr.solve.unknowns import to_theta
-from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
+from tests.support.analytic import ring_directions
+from tests.support.glossy import KINDS, floats, mean_error, sphere, vectors
+from tests.support.sphere import solve
 
-C_W = 0.05
-SPECTRUM = np.array([0.1, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.6])
-OTHER = SPECTRUM[::-1]
-KINDS = [(BlinnPhong, 20.0, 0.3), (RoughCoating, 0.2, 0.8)]
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
-
-
-def floats(*values):
-    return [mi.Float(np.atleast_1d(v).astype(np.float32)) for v in values]
-
-
-def vectors(array):
-    return mi.Vector3f(np.ascontiguousarray(np.atleast_2d(array).T, np.float32))
-
-
-def unit_vectors(rng, n, least_z=0.1):
-    v = rng.normal(size=(n, 3))
-    v[:, 2] = np.abs(v[:, 2]) + least_z
-    return v / np.linalg.norm(v, axis=1, keepdims=True)
-
-
-def lobe_signals(kind, shape, strength, normal, direction):
-    """The signals of a lobe (n_led, ...) in plain NumPy, seen along z."""
-    half = direction + [0, 0, 1]
-    half /= np.linalg.norm(half, axis=1, keepdims=True)
-    nh, nl = (np.einsum("...k,jk->j...", normal, d) for d in (half, direction))
-    if kind is BlinnPhong:
-        return np.where(nl > 0, strength * np.maximum(nh, 0) ** shape, 0)
-
-    def tan2(cosine):
-        return 1 / np.clip(cosine, 1e-6, 1) ** 2 - 1
-
-    c = half[:, 2].reshape(-1, *[1] * (normal.ndim - 1))
-    inside = np.sqrt(1 - (1 - c**2) / 1.5**2)
-    fresnel = 0.5 * (
-        ((c - 1.5 * inside) / (c + 1.5 * inside)) ** 2 + ((1.5 * c - inside) / (1.5 * c + inside)) ** 2
-    )
-    nh = np.clip(nh, 0.01, 1)
-    facets = 1 / (np.pi * shape**2 * nh**4 * (1 + tan2(nh) / shape**2) ** 2)
-    shadow = [2 / (1 + np.sqrt(1 + shape**2 * tan2(x))) for x in (nl, normal[..., 2])]
-    value = np.pi * strength * fresnel * facets * shadow[0] * shadow[1] / (4 * normal[..., 2].clip(1e-6))
-    return np.where(nl > 0, value, 0)
-
-
-def sphere(lobes=(), size=40, event_noise=0.1, seed=0):
-    """A recorded sphere, the solver's view of it, and its truth: normals, reflectances, left half.
-
-    `lobes` are (kind, shape, strength), one for all or one for each half.
-    """
-    normal, mask = sphere_normals(size)
-    left = np.broadcast_to(np.arange(size) < size // 2, (size, size))
-    reflectance = np.where(left[..., None] & (len(lobes) > 1), OTHER, SPECTRUM)
-    direction = ring_directions()
-    signal = lambert_signals(normal, reflectance, direction)
-    for i, lobe in enumerate(lobes):
-        where = left == (i == 1) if len(lobes) > 1 else True
-        signal = signal + where * lobe_signals(*lobe, normal, direction)
-    pixel = EventPixel(0.2, 0.2, event_noise=event_noise)
-    options = Options(out=Path(), ideal=True, slot_us=10_000.0, pixel=pixel, seed=seed)
-    recording = record(np.where(mask, signal, 0), C_W, options)
-    light = Illumination(
-        [mi.Vector3f(*d) for d in direction.tolist()],
-        [mi.Float(1.0)] * 24,
-        [j % 8 for j in range(24)],
-        mi.Float(C_W),
-    )
-    problem = make_problem(recording, pair_events(recording, mask), light, mask)
-    return problem, normal[mask], reflectance[mask], left[mask]
-
-
-def solve(problem, model=None):
-    n = problem.n_pixel
-    start = to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25), mi.Float)
-    light = problem.illumination
-    model = model or LambertianRing(light)
-    effort = levenberg.Effort(priors=None)
-    return levenberg.solve(model, problem.pairs, light.constant_light, start, problem.grid, effort)
-
-
-def mean_error(theta, normal):
-    return angular_error_deg(np.column_stack([-theta[:, :2], np.ones(len(theta))]), normal).mean()
 
 
 @pytest.fixture(scope="module")
@@ -113,72 +27,6 @@ def coated():
     """A coated sphere and the matt fit of it."""
     problem, normal, reflectance, _ = sphere([KINDS[1]])
     return problem, normal, reflectance, solve(problem)
-
-
-# ---------------------------------------------------------------------- lobes and model
-
-
-@pytest.mark.parametrize(
-    "plugin",
-    [dict(type="roughdielectric", distribution="ggx", alpha=0.16), dict(type="principled", roughness=0.4)],
-)
-def test_the_coating_is_mitsubas(plugin, rng):
-    """The reflection of `roughdielectric` and of `principled` with a black base, both of index 1.5."""
-    if plugin["type"] == "principled":
-        plugin |= dict(specular=0.5, base_color=dict(type="uniform", value=0.0))
-    else:
-        plugin |= dict(int_ior=1.5, ext_ior=1.0)
-    light, view = (vectors(unit_vectors(rng, 500)) for _ in range(2))
-    si = dr.zeros(mi.SurfaceInteraction3f, 500)
-    si.n, si.sh_frame = mi.Vector3f(0, 0, 1), mi.Frame3f(mi.Vector3f(0, 0, 1))
-    si.wi, si.wavelengths = view, mi.Spectrum(500.0)
-    expected = dr.pi * mi.load_dict(plugin).eval(mi.BSDFContext(), si, light)[0]
-    value, _ = RoughCoating(mi.Float(0.16), mi.Float(1.0))(mi.Vector3f(0, 0, 1), light, view)
-    assert np.ptp(expected.numpy()) > 1
-    np.testing.assert_allclose(value.numpy(), expected.numpy(), rtol=2e-4, atol=1e-6)
-
-
-@pytest.mark.parametrize("kind, shape, strength", KINDS)
-def test_signals_are_those_of_plain_numpy(kind, shape, strength, rng):
-    """Lambertian part and lobe, LEDs behind the horizon included."""
-    normal, direction = unit_vectors(rng, 300, 0.05), ring_directions()
-    light = Illumination(
-        [mi.Vector3f(*d) for d in direction.tolist()], [mi.Float(2.0)] * 24, [j % 8 for j in range(24)], None
-    )
-    model = GlossyRing(light, kind(mi.Float(shape), mi.Float(strength)))
-    p, q = floats(*(-normal[:, :2] / normal[:, 2:]).T)
-    signal, _, _, diffuse = model(p, q, floats(*np.tile(SPECTRUM[:, None], 300)), mi.Float(1e-6))
-    matt = 2 * lambert_signals(normal, np.tile(SPECTRUM, (300, 1)), direction)
-    glossy = 2 * lobe_signals(kind, shape, strength, normal, direction)
-    np.testing.assert_allclose([d.numpy() for d in diffuse], matt, atol=1e-5)
-    np.testing.assert_allclose([s.numpy() for s in signal], matt + glossy, atol=1e-5)
-
-
-@pytest.mark.parametrize("kind, shape, strength", KINDS)
-def test_derivatives_are_finite_differences(kind, shape, strength, rng):
-    """Near LEDs and a camera direction per pixel, too; where LED and camera are above the horizon."""
-    normal, view = unit_vectors(rng, 400, 0.4), unit_vectors(rng, 400, 1.0)
-    direction = np.array([unit_vectors(rng, 400, 0.3) for _ in range(3)])
-    clear = (np.sum(normal * direction, axis=-1) > 0.1) & (np.sum(normal * view, axis=-1) > 0.1)
-    light = Illumination([vectors(d) for d in direction], [mi.Float(1.5)] * 3, [0, 1, 0], None)
-    model = GlossyRing(light, kind(mi.Float(shape), mi.Float(strength)), vectors(view))
-    slopes = -normal[:, :2] / normal[:, 2:]
-    log_reflectance = np.log(np.tile([0.3, 0.6], (400, 1)))
-
-    def evaluate(shift):
-        theta = np.concatenate([slopes, log_reflectance], axis=1) + shift
-        p, q, *rho = floats(*theta.T)
-        rows = model(p, q, [dr.exp(r) for r in rho], mi.Float(0.2))
-        return [np.array([v.numpy() for v in row], float) for row in rows]
-
-    _, by_p, by_q, diffuse = evaluate(np.zeros(4))
-    band = np.array([0, 1, 0])[:, None]
-    step = 2e-3
-    analytic = [by_p, by_q, *(np.where(band == b, diffuse, 0) for b in range(2))]
-    for direction, derivative in zip(np.eye(4), analytic):
-        difference = (evaluate(step * direction)[0] - evaluate(-step * direction)[0]) / (2 * step)
-        tolerance = 2e-3 * np.abs(derivative).max() + 1e-4
-        np.testing.assert_allclose(derivative[clear], difference[clear], atol=tolerance)
 
 
 # ---------------------------------------------------------------------- in the normal equations
@@ -259,7 +107,7 @@ def test_the_coating_is_found_and_mends_the_maps(coated):
     assert evidence.is_worth_modelling()
     assert gloss.shape[0] == pytest.approx(0.2, rel=0.05)
     assert gloss.strength[0] == pytest.approx(0.8, rel=0.08)
-    glossy = solve(problem, GlossyRing(problem.illumination, gloss.lobe(mi.Float)))
+    glossy = solve(problem, model=GlossyRing(problem.illumination, gloss.lobe(mi.Float)))
     before, after = (mean_error(s.theta, normal) for s in (matt, glossy))
     assert after < 0.5 * before
     assert evidence.error_deg == pytest.approx(before, rel=0.4)

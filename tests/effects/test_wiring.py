@@ -9,7 +9,7 @@ from evsdr.effects.wiring import SUSPICIOUS, Fault, find_fault, led_residuals
 from evsdr.events.pairs import pair_events
 from evsdr.solve import levenberg
 from evsdr.solve.problem import make_problem
-from tests.solve.test_levenberg import SPECTRUM, errors, solve, sphere_recording
+from tests.support.sphere import SPECTRUM, errors, solve, sphere_recording
 
 SIZE, NOISE = 32, {"event_noise": 0.1}
 

@@ -10,8 +10,8 @@ from evsdr.events.pixel import EventPixel, simulate_events
 from evsdr.limits.bound import event_pair_bound, invert_information
 from evsdr.model.illumination import Illumination
 from evsdr.records import Recording, Schedule, Sensor
-from tests.solve.test_levenberg import ALONE, C_W, SPECTRUM, errors, solve, sphere_problem
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
+from tests.support.sphere import ALONE, C_W, SPECTRUM, errors, solve, sphere_problem
 
 THRESHOLDS = {"contrast_threshold_on": 0.2, "contrast_threshold_off": 0.2}
 PIXEL = replace(EventPixel.ideal(), **THRESHOLDS, event_noise=0.1)

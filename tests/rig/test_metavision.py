@@ -8,8 +8,13 @@ from evsdr.errors import InputError, InputWarning
 from evsdr.files.events_h5 import EVENT_DTYPE
 from evsdr.rig import ecf
 from evsdr.rig.metavision import read_hdf5
-from tests.rig.test_raw import assert_same
-from tests.support.camera_files import encode_ecf, make_recording, random_recording, write_metavision
+from tests.support.camera_files import (
+    assert_same,
+    encode_ecf,
+    make_recording,
+    random_recording,
+    write_metavision,
+)
 
 
 @pytest.fixture

@@ -6,17 +6,9 @@ import pytest
 from evsdr.errors import InputError, InputWarning
 from evsdr.rig.camera_file import crop
 from evsdr.rig.raw import read_raw
-from tests.support.camera_files import TYPES, encode_raw, random_recording
+from tests.support.camera_files import TYPES, assert_same, encode_raw, random_recording
 
 FORMATS = ["EVT2", "EVT21", "EVT21 legacy", "EVT3"]
-
-
-def assert_same(read, camera):
-    for name in ("x", "y", "p", "t"):
-        np.testing.assert_array_equal(getattr(read.events, name), getattr(camera.events, name), name)
-    for name in ("p", "t", "id"):
-        np.testing.assert_array_equal(getattr(read.edges, name), getattr(camera.edges, name), name)
-    assert (read.width, read.height) == (camera.width, camera.height)
 
 
 @pytest.mark.parametrize("kind", FORMATS)

@@ -1,72 +1,13 @@
 from dataclasses import replace
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.events.pairs import pair_events
-from evsdr.events.pixel import EventPixel, simulate_events
 from evsdr.metrics import angular_error_deg
-from evsdr.model.illumination import HARD, Illumination
-from evsdr.model.lambert import LambertianRing
-from evsdr.records import Recording, Schedule, Sensor
-from evsdr.solve import levenberg
-from evsdr.solve.problem import make_problem
+from evsdr.model.illumination import HARD
 from evsdr.solve.unknowns import normal_sigma_deg, to_theta
-from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
-
-C_W = 0.05
-ALONE = levenberg.Effort(priors=None)  # each pixel by itself
-SPECTRUM = np.array([0.1, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.6])
-
-
-NO_FLAWS = dict.fromkeys(
-    ("spread_on", "spread_off", "cutoff_hz", "photon_rate_per_us", "leak_hz", "hot_fraction", "hot_hz"), 0.0
-)
-
-
-def sphere_recording(size: int, seed: int = 0, threshold: float = 0.2, spectrum=SPECTRUM, dead=(), **flaws):
-    """A sphere recorded without Mitsuba: recording, light, normals, mask."""
-    normal, mask = sphere_normals(size)
-    signal = lambert_signals(normal, np.broadcast_to(spectrum, (size, size, 8)), ring_directions())
-    signal = np.where(mask, signal, 0)
-    signal[list(dead)] = 0
-    pixel = EventPixel(threshold, threshold, **(NO_FLAWS | flaws))
-    schedule = Schedule(np.arange(24), 10_000.0, 1.0)
-    events, _, _, starts = simulate_events(signal, C_W, schedule, 6, pixel, seed=seed)
-    recording = Recording(
-        events, Sensor(size, size, threshold, threshold, pixel.refractory_us), schedule, starts
-    )
-    light = Illumination(
-        [mi.Vector3f(*d) for d in ring_directions().tolist()],
-        [mi.Float(1.0)] * 24,
-        [j % 8 for j in range(24)],
-        mi.Float(C_W),
-    )
-    return recording, light, normal, mask
-
-
-def sphere_problem(size: int, event_noise: float, **options):
-    """A sphere simulated without Mitsuba, and the solver's view of it."""
-    recording, light, normal, mask = sphere_recording(size, event_noise=event_noise, **options)
-    return make_problem(recording, pair_events(recording, mask), light, mask), normal[mask]
-
-
-def solve(problem, effort=ALONE, start=None, thresholds=False):
-    n = problem.n_pixel
-    start = start or to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25), mi.Float)
-    start += [dr.zeros(mi.Float, n) for _ in range(2 if thresholds else 0)]
-    light = problem.illumination
-    return levenberg.solve(
-        LambertianRing(light), problem.pairs, light.constant_light, start, problem.grid, effort
-    )
-
-
-def errors(solution, truth, spectrum=SPECTRUM):
-    p, q = solution.theta[:, 0], solution.theta[:, 1]
-    normal = np.column_stack([-p, -q, np.ones_like(p)])
-    return angular_error_deg(normal, truth), np.exp(solution.theta[:, 2:]) - spectrum
+from tests.support.sphere import ALONE, SPECTRUM, errors, solve, sphere_problem
 
 
 def test_exact_events_give_exact_maps():

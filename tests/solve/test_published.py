@@ -4,7 +4,7 @@ import numpy as np
 
 from evsdr.metrics import angular_error_deg
 from evsdr.solve import published
-from tests.solve.test_levenberg import SPECTRUM, sphere_problem
+from tests.support.sphere import SPECTRUM, sphere_problem
 
 
 def test_adam_descends_to_the_sphere_and_keeps_its_constraints():

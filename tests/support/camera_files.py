@@ -210,3 +210,12 @@ def write_metavision(path, camera: CameraRecording, style: int, chunk: int = 100
             else:
                 dataset.write_direct_chunk((start,), encode_ecf(part, style))
         file["EXT_TRIGGER/events"] = edges
+
+
+def assert_same(read, camera):
+    """Check that two recordings of a camera are equal."""
+    for name in ("x", "y", "p", "t"):
+        np.testing.assert_array_equal(getattr(read.events, name), getattr(camera.events, name), name)
+    for name in ("p", "t", "id"):
+        np.testing.assert_array_equal(getattr(read.edges, name), getattr(camera.edges, name), name)
+    assert (read.width, read.height) == (camera.width, camera.height)

@@ -10,8 +10,8 @@ from evsdr.solve import levenberg
 from evsdr.solve.neighbours.posterior import Priors
 from evsdr.solve.neighbours.system import joint_solver, joint_system, perturbation
 from evsdr.solve.unknowns import normal_sigma_deg
-from tests.solve.test_grid import MASK, matrix_of
-from tests.solve.test_levenberg import ALONE, SPECTRUM, errors, solve, sphere_problem
+from tests.support.sphere import ALONE, SPECTRUM, errors, solve, sphere_problem
+from tests.support.stencil_matrix import MASK, matrix_of
 
 N_BAND = 3
 N = 2 + N_BAND
