@@ -1,10 +1,46 @@
-"""Surface normals and absolute spectral reflectance from an event camera and a ring of LEDs."""
+"""Surface normals and absolute spectral reflectance from an event camera and a ring of LEDs.
 
+What `__all__` names is imported when it is first used, so that `import evsdr` is cheap.
+"""
+
+import importlib
 import sys
 from importlib.machinery import PathFinder
 from pathlib import Path
 
 __version__ = "0.1.0"
+
+_HOME = {
+    "Events": "records",
+    "Sensor": "records",
+    "Schedule": "records",
+    "Recording": "records",
+    "Maps": "records",
+    "Truth": "records",
+    "InputError": "errors",
+    "InputWarning": "errors",
+    "read_recording": "files.events_h5",
+    "write_recording": "files.events_h5",
+    "load_scene": "fitting.entrance",
+    "EventPixel": "events.pixel",
+    "simulate": "fitting.simulation",
+    "Settings": "fitting.settings",
+    "fit": "fitting.entrance",
+    "Fit": "fitting.entrance",
+    "score": "metrics",
+}
+__all__ = [*_HOME]
+
+
+def __getattr__(name: str):
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 class _Beside:

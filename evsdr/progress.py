@@ -1,4 +1,4 @@
-"""Progress on a terminal, and seconds per stage."""
+"""Progress of stages, told to whoever asks or shown on a terminal, and seconds per stage."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -8,8 +8,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 
-class Stages:
-    """Progress on a terminal and seconds per stage.
+class Seconds:
+    """Seconds per stage.
+
+    Parameters
+    ----------
+    progress : callable (stage, share), optional
+        Told what is under way, and which share of it, 0..1, is done.
 
     Attributes
     ----------
@@ -17,8 +22,26 @@ class Stages:
         Wall time of each finished stage.
     """
 
-    def __init__(self, title: str):
+    def __init__(self, progress: Callable[[str, float], None] | None = None):
         self.seconds: dict[str, float] = {}
+        self.progress = progress or (lambda stage, share: None)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Callable[[str, float], None]]:
+        """Time a stage; gives a callable (detail, share) that tells how far it is."""
+        self.progress(name, 0.0)
+        start = time.perf_counter()
+        try:
+            yield lambda detail, share: self.progress(f"{name}, {detail}", share)
+        finally:
+            self.seconds[name] = time.perf_counter() - start
+
+
+class Stages(Seconds):
+    """Seconds per stage, and a bar on the terminal while it lasts."""
+
+    def __init__(self, title: str):
+        super().__init__(self.show)
         console = Console(stderr=True)
         self._progress = Progress(
             TextColumn("{task.description}"),
@@ -29,6 +52,7 @@ class Stages:
             transient=True,
         )
         self._title = title
+        self._task = self._progress.add_task(title, total=1.0)
 
     def __enter__(self) -> "Stages":
         self._progress.start()
@@ -37,18 +61,8 @@ class Stages:
     def __exit__(self, *_) -> None:
         self._progress.stop()
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[Callable[[str, float], None]]:
-        """Time a stage; gives a callable (detail, share) that moves its bar."""
-        task = self._progress.add_task(f"{self._title}: {name}", total=1.0)
-
-        def advance(detail: str, share: float) -> None:
-            self._progress.update(task, completed=share, description=f"{self._title}: {name}, {detail}")
-
-        start = time.perf_counter()
-        try:
-            yield advance
-        finally:
-            self.seconds[name] = time.perf_counter() - start
-            self._progress.update(task, completed=1.0)
-            self._progress.remove_task(task)
+    def show(self, stage: str, share: float) -> None:
+        """Move the bar; a share of 0 starts its clock anew."""
+        if share == 0:
+            self._progress.reset(self._task)
+        self._progress.update(self._task, completed=share, description=f"{self._title}: {stage}")

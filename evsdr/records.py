@@ -83,12 +83,15 @@ class Recording:
     round_start_us : (n,) int64
         Times of the round-start triggers [us], one per round and one at the end of the last;
         empty where the file has none.
+    source : str
+        Where it comes from, for sentences.
     """
 
     events: Events
     sensor: Sensor
     schedule: Schedule
     round_start_us: np.ndarray
+    source: str = "the recording"
 
 
 @dataclass(frozen=True)

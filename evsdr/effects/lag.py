@@ -216,10 +216,20 @@ def _pairs(
     )
 
 
-def looks_for_lag(options) -> tuple[bool, str]:
-    """Decide whether to ask the events how late they are, and say why not."""
-    if options.lag == "off":
+def looks_for_lag(asked: str, solver: str, thorough: bool) -> tuple[bool, str]:
+    """Decide whether to ask the events how late they are, and say why not.
+
+    Parameters
+    ----------
+    asked : str
+        `auto` or `off`.
+    solver : str
+        `lm` or `adam`.
+    thorough : bool
+        Whether the preset looks for what shows in residuals.
+    """
+    if asked == "off":
         return False, "not modelled: asked for by --lag off"
-    if options.solver != "lm" or options.preset == "fast":
-        return False, f"not looked for by the {'preset fast' if options.solver == 'lm' else 'solver adam'}"
+    if solver != "lm" or not thorough:
+        return False, f"not looked for by the {'preset fast' if solver == 'lm' else 'solver adam'}"
     return True, "not modelled: the events show none"

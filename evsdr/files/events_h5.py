@@ -61,7 +61,8 @@ def read_recording(path: str | Path) -> Recording:
         with h5py.File(path, "r") as file:
             width, height = _read_size(file)
             sensor, schedule = _read_sensor(file, width, height), _read_schedule(file)
-            return Recording(_read_events(file, width, height), sensor, schedule, _read_triggers(file))
+            events, starts = _read_events(file, width, height), _read_triggers(file)
+            return Recording(events, sensor, schedule, starts, str(path))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:  # all that h5py makes of damage

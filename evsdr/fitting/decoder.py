@@ -7,6 +7,8 @@ import numpy as np
 
 from evsdr.effects.world import Fitted
 from evsdr.fitting.maps import assemble_maps
+from evsdr.fitting.presets import PRESETS
+from evsdr.fitting.settings import Settings
 from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import RingScene
 from evsdr.model.lambert import LambertianRing
@@ -41,10 +43,8 @@ class Decoder:
     Attributes
     ----------
     ring : RingScene
-    options : fit.Options
-        `solver`, `preset`, `shadows` and `seed` count.
-    priors : tuple of str
-        Of `priors.PARTS`: what pixels tell of each other.
+    settings : Settings
+        `solver`, `preset`, `priors`, `shadows` and `seed` count.
     start_normal : (height, width, 3) float32
         Start values, camera frame.
     thresholds : bool
@@ -52,8 +52,7 @@ class Decoder:
     """
 
     ring: RingScene
-    options: object
-    priors: tuple
+    settings: Settings
     start_normal: np.ndarray
     thresholds: bool
 
@@ -68,8 +67,7 @@ class Decoder:
         solution = solve(
             problem,
             self.start_normal,
-            self.options,
-            self.priors,
+            self.settings,
             self.thresholds,
             progress,
             before,
@@ -94,23 +92,20 @@ def start_normals(ring: RingScene, init: str) -> np.ndarray:
 def solve(
     problem: Problem,
     start_normal: np.ndarray,
-    options,
-    priors: tuple[str, ...],
+    settings: Settings,
     estimate_thresholds: bool = False,
     progress: Callable[[str, float], None] = lambda stage, share: None,
     before: Fitted | None = None,
     purpose: str = "whole",
 ) -> levenberg.Solution:
-    """Run the solver that the options name.
+    """Run the solver that the settings name.
 
     Parameters
     ----------
     start_normal : (height, width, 3) float32
         Start values, camera frame.
-    options : fit.Options
-        `solver`, `preset`, `shadows` and `seed` count.
-    priors : tuple of str
-        Of `priors.PARTS`: what pixels tell of each other.
+    settings : Settings
+        `solver`, `preset`, `priors`, `shadows` and `seed` count.
     estimate_thresholds : bool
         Whether each pixel's contrast thresholds are unknown, too.
     before : Fitted, optional
@@ -119,7 +114,7 @@ def solve(
         Of `PURPOSES`: how much of the preset's effort is needed.
     """
     light = problem.illumination
-    effort = replace(choose_effort(options, priors), **PURPOSES[purpose])
+    effort = replace(choose_effort(settings), **PURPOSES[purpose])
     n_step = 0
     log_gain = np.zeros((problem.n_pixel, 2), np.float32)
     if before is None:
@@ -134,19 +129,19 @@ def solve(
             log_gain = np.log(solution.threshold_gain)
     Float = type(problem.pairs.phases)
     unknown_gain = [Float(np.ascontiguousarray(g, np.float32)) for g in log_gain.T]
-    if options.solver == "adam":
-        settings = published.AdamSettings()
+    if settings.solver == "adam":
+        adam = published.AdamSettings()
         normal, reflectance = published.solve(
             light,
             problem.pairs,
             normal,
             problem.pixel,
             start_normal.shape[:2],
-            settings,
-            options.seed,
+            adam,
+            settings.seed,
             progress,
         )
-        n_step = settings.n_step
+        n_step = adam.n_step
         effort = replace(
             effort, stages=(), n_sweep=0, n_final=0, priors=None
         )  # only noise and sigma at Adam's result
@@ -163,8 +158,8 @@ def solve(
     return replace(solution, n_step=n_step or solution.n_step)
 
 
-def choose_effort(options, priors: tuple[str, ...]) -> levenberg.Effort:
-    """Give the effort of a preset with some priors, and with the weights that `--shadows` asks for."""
-    effort = levenberg.PRESETS[options.preset]
-    effort = replace(effort, priors=replace(effort.priors, parts=priors) if priors else None)
-    return replace(effort, robust=DOWNWEIGHT_ROBUST) if options.shadows == "downweight" else effort
+def choose_effort(settings: Settings) -> levenberg.Effort:
+    """Give the effort of a preset with some priors, and with the weights that `shadows` asks for."""
+    effort, parts = PRESETS[settings.preset].effort, settings.priors
+    effort = replace(effort, priors=replace(effort.priors, parts=parts) if parts else None)
+    return replace(effort, robust=DOWNWEIGHT_ROBUST) if settings.shadows == "downweight" else effort

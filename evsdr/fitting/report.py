@@ -1,7 +1,6 @@
 """What a fit says of itself: warnings, and what it modelled, left out, and why."""
 
 import warnings
-from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from evsdr.effects.wiring import Fault
 from evsdr.effects.world import Fitted, Observations
 from evsdr.errors import InputWarning
 from evsdr.fitting.maps import lit_bands
+from evsdr.fitting.settings import Settings
 from evsdr.light.scene import RingScene
 from evsdr.records import Recording
 from evsdr.solve import levenberg
@@ -25,40 +25,40 @@ def warn(sentence: str) -> None:
     warnings.warn(InputWarning(sentence))
 
 
-def warn_of_fault(path: Path, fault: Fault) -> None:
+def warn_of_fault(source: str, fault: Fault) -> None:
     """Say that the ring did not shine as told."""
     warn(
-        f"{path}: {fault}, say the events, and the fit took that for true; check the ring and schedule/order."
+        f"{source}: {fault}, say the events, and the fit took that for true; check the ring and schedule/order."
     )
 
 
-def warn_of_what_was_found(options, ring: RingScene, seen: Observations, fitted: Fitted) -> None:
+def warn_of_what_was_found(ring: RingScene, seen: Observations, fitted: Fitted) -> None:
     """Say what a fit found that its user should look into."""
-    noise = fitted.solution.noise
+    noise, source = fitted.solution.noise, seen.recording.source
     if ring.constant_light == 0:
         warn(
-            f"{options.scene}: constant_light is 0, so the scale of reflectance is unknown and the "
+            f"{ring.path}: constant_light is 0, so the scale of reflectance is unknown and the "
             "largest band of each pixel is set to 1; measure the constant light and write it there."
         )
     if not fitted.maps.mask.any():
-        warn(f"{options.events}: no pixel is known; record more rounds, or with less constant light.")
+        warn(f"{source}: no pixel is known; record more rounds, or with less constant light.")
     if noise > MISFIT:
         warn(
-            f"{options.events}: the events contradict {options.scene}, their thresholds scatter by "
+            f"{source}: the events contradict {ring.path}, their thresholds scatter by "
             f"{noise:.0%}; check order, slot_us, triggers, thresholds and constant_light."
         )
         return
-    warn_of_hot_pixels(options.events, seen, fitted)
+    warn_of_hot_pixels(seen, fitted)
     for name, values in sensor_summary(seen.recording, fitted).items():
         if abs(np.log(values["found"] / values["told"])) > WRONG_THRESHOLD:
             warn(
-                f"{options.events}: {name} is told as {values['told']:.3g} but the events say "
+                f"{source}: {name} is told as {values['told']:.3g} but the events say "
                 f"{values['found']:.3g}; the latter was used: "
                 "check the camera's biases, or the surface is not matt."
             )
 
 
-def warn_of_hot_pixels(path: Path, seen: Observations, fitted: Fitted) -> None:
+def warn_of_hot_pixels(seen: Observations, fitted: Fitted) -> None:
     """Say how many pixels fire events that the light does not explain."""
     pixel = fitted.problem.pixel
     contrary = seen.hot.ravel()[pixel] | (fitted.solution.noise_factor > CONTRARY)
@@ -72,29 +72,32 @@ def warn_of_hot_pixels(path: Path, seen: Observations, fitted: Fitted) -> None:
         else "gloss, a shadow that is not modelled, or other light may be the cause"
     )
     warn(
-        f"{path}: {contrary.mean():.0%} of the pixels fire events that the light of the ring does not explain; "
+        f"{seen.recording.source}: {contrary.mean():.0%} of the pixels fire events that the light of the ring does not explain; "
         f"{cause}. Their values come from their neighbours."
     )
 
 
-def summarise(options, model: dict, seen: Observations, fitted: Fitted, refractory: dict) -> dict:
+def summarise(
+    ring: RingScene, settings: Settings, model: dict, seen: Observations, fitted: Fitted, refractory: dict
+) -> dict:
     """Give the summary of a fit, without its error against a truth.
 
     Parameters
     ----------
-    options : fit.Options
+    settings : Settings
+        What was asked.
     model : dict of str
         What was modelled, what was left out, and why.
     refractory : dict
-        See `sensor_choice.choose_refractory`.
+        See `refractory.choose_refractory`.
     """
     pairs, solution = seen.pairs, fitted.solution
     return {
         "evsdr": __version__,
-        "scene": str(options.scene),
-        "events": str(options.events),
-        "solver": options.solver,
-        "preset": options.preset,
+        "scene": str(ring.path),
+        "events": str(seen.recording.source),
+        "solver": settings.solver,
+        "preset": settings.preset,
         "model": model,
         "numbers": {
             "events": pairs.n_event,
@@ -128,9 +131,9 @@ def sensor_summary(recording: Recording, fitted: Fitted) -> dict:
     return out
 
 
-def solver_notes(solver: str, priors: tuple[str, ...], solution: levenberg.Solution) -> dict:
+def solver_notes(settings: Settings, solution: levenberg.Solution) -> dict:
     """Say what of the events the solver used."""
-    if solver == "adam":
+    if settings.solver == "adam":
         return {
             "silence": "not used: the solver adam looks at events only",
             "event times": "not used",
@@ -139,7 +142,7 @@ def solver_notes(solver: str, priors: tuple[str, ...], solution: levenberg.Solut
     return {
         "silence": "used: between events log I stays within the thresholds",
         "event times": "their density counts, with its slope term",
-        "neighbours": prior_note(priors, solution),
+        "neighbours": prior_note(settings.priors, solution),
     }
 
 

@@ -1,7 +1,9 @@
 """The thin layer over Mitsuba: a scene.xml as the rest of evsdr sees it."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import mitsuba as mi
@@ -18,8 +20,8 @@ class RingScene:
 
     Attributes
     ----------
-    path : Path
-        The file.
+    path : Path or str
+        The file, or what stands for it in sentences.
     scene, integrator, sensor
         Mitsuba's objects.
     leds : Leds
@@ -30,7 +32,7 @@ class RingScene:
         C_w.
     """
 
-    path: Path
+    path: Path | str
     scene: mi.Scene
     integrator: RingIntegrator
     sensor: mi.Sensor
@@ -50,13 +52,13 @@ class RingScene:
         return all(s.class_name() != "Rectangle" for s in self.scene.shapes() if s.id() == "object")
 
 
-def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
+def load_scene(path: str | Path | dict, define: dict[str, str] | None = None) -> RingScene:
     """Load and check a scene.xml.
 
     Parameters
     ----------
-    path : Path
-        The file.
+    path : str, Path or dict
+        The file; or a dictionary as of `mitsuba.load_dict`, whose keys are the ids.
     define : dict, optional
         Values for the file's `<default>` parameters.
 
@@ -65,11 +67,9 @@ def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
     InputError
         The file is missing or wrong.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; give the path of a scene.xml.")
+    path, load = _source(path, define or {})
     try:
-        scene = mi.load_file(str(path), optimize=False, **(define or {}))
+        scene = load()
     except (RuntimeError, ValueError, TypeError) as error:
         raise InputError(
             f"{path}: Mitsuba can't load it: {_in_one_line(error)}; correct the file, or what -D sets in it."
@@ -103,6 +103,18 @@ def load_scene(path: Path, define: dict[str, str] | None = None) -> RingScene:
     if not constant_light >= 0 or not np.isfinite(constant_light):
         raise InputError(f"{path}: constant_light is {constant_light:g}; it must be 0 or more.")
     return RingScene(path, scene, integrator, sensor, leds, height, width, constant_light)
+
+
+def _source(given: str | Path | dict, define: dict[str, str]) -> tuple[Path | str, Callable]:
+    """Give the name of a scene, and what loads it."""
+    if isinstance(given, dict):
+        if define:
+            raise InputError(f"a scene given as a dictionary has no parameter {next(iter(define))} to set.")
+        return "the scene", partial(mi.load_dict, given, optimize=False)
+    path = Path(given)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give the path of a scene.xml.")
+    return path, partial(mi.load_file, str(path), optimize=False, **define)
 
 
 def _in_one_line(error: Exception) -> str:

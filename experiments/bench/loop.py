@@ -8,7 +8,6 @@ import numpy as np
 from evsdr.commands import fit, ring, simulate
 from evsdr.events.pixel import EventPixel, simulate_events
 from evsdr.files.events_h5 import write_recording
-from evsdr.fitting import story
 from evsdr.records import Events, Recording, Schedule, Sensor
 from evsdr.rig.log import RingLog, read_ring_log
 from experiments.bench.light import FULL, Trace, read_trace
@@ -89,7 +88,7 @@ def close_loop(folder: Path, scene: Path, size: int, slot_us: int, rounds: int, 
         options = fit.Options(
             scene, folder / "events.h5", truth=folder / "truth.npz", thresholds="known", define=define
         )
-        return story.fit(options)[1]["mae_deg"]
+        return fit.recover(options).summary["mae_deg"]
 
     ring_deg = [angle(record_pins(signal, constant_light, trace, log, seed)) for seed in range(n_seed)]
     ideal_deg = [angle(record_ideal(signal, constant_light, log, seed)) for seed in range(n_seed)]

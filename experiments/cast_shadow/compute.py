@@ -13,7 +13,6 @@ import trimesh
 from evsdr import jit
 from evsdr.commands import fit, simulate
 from evsdr.files.truth import read_truth
-from evsdr.fitting import story
 from evsdr.metrics import angular_error_deg
 from evsdr.records import Maps
 
@@ -126,7 +125,8 @@ def run(case: Case, folder: Path, size: int) -> list[Result]:
             define=define,
         )
         with redirect_stderr(io.StringIO()), warnings.catch_warnings():
-            maps, summary = story.fit(options)
+            found = fit.recover(options)
+            maps, summary = found.maps, found.summary
         mask = truth.mask & maps.mask
         results.append(
             Result(

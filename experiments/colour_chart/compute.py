@@ -12,7 +12,6 @@ from evsdr.commands import fit, simulate
 from evsdr.events.pixel import EventPixel
 from evsdr.files.events_h5 import read_recording
 from evsdr.files.truth import read_truth
-from evsdr.fitting import story
 from evsdr.metrics import angular_error_deg
 from evsdr.records import Maps, Truth
 
@@ -74,7 +73,8 @@ def fit_chart(folder: Path, order: tuple[int, ...] | None, size: int, thresholds
     found = fit.Options(
         SCENE, folder / "events.h5", truth=folder / "truth.npz", thresholds=thresholds, define=define
     )
-    maps, summary = story.fit(found)
+    recovered = fit.recover(found)
+    maps, summary = recovered.maps, recovered.summary
     events = read_recording(folder / "events.h5").events
     n_event = np.bincount(events.y.astype(int) * size + events.x, minlength=size * size).reshape(size, size)
     truth = read_truth(folder / "truth.npz", size, size, maps.reflectance.shape[-1])

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.commands import fit, simulate
-from evsdr.fitting import story
 from evsdr.records import Maps
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -182,7 +181,8 @@ def fit_events(ball: Ball, folder: Path, order: tuple[int, ...] | None, ideal: b
     with redirect_stdout(io.StringIO()):  # one table is enough
         simulate.command(options)
     matt = fit.Options(folder / "scene.xml", folder / "events.h5", mask=folder / "mask.npy", gloss="off")
-    maps, summary = story.fit(matt)  # as least squares is
+    found = fit.recover(matt)  # as least squares is
+    maps, summary = found.maps, found.summary
     seconds = 1e-6 * options.slot_us * options.rounds * len(order or rim)
     return maps, summary["numbers"]["events"] / np.count_nonzero(ball.mask) / seconds
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evsdr.commands import fit, simulate
-from evsdr.fitting import story
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = REPOSITORY / "scenes"
@@ -110,8 +109,8 @@ def run(case: Case, folder: Path, size: int) -> list[Result]:
 def fit_one(case: Case, folder: Path, define: tuple, name: str, options: dict) -> Result:
     """Fit in one way."""
     given = {"truth": folder / "truth.npz", "define": define}
-    _, summary = story.fit(
+    summary = fit.recover(
         fit.Options(scene_file(case.fitted, folder), folder / "events.h5", **given, **options)
-    )
+    ).summary
     seconds = sum(summary["seconds"].values())
     return Result(name, summary["mae_deg"], summary["rmse"], seconds, summary["model"][case.decision])

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from evsdr.commands import fit, simulate
+from evsdr.commands import simulate
 from evsdr.errors import InputError
 from evsdr.events import record as recording_of
 from evsdr.events.pairs import pair_events
 from evsdr.events.pixel import EventPixel
 from evsdr.events.record import IDEAL
 from evsdr.fitting import decoder
-from evsdr.fitting.checks import PRIORS
 from evsdr.fitting.maps import assemble_maps
+from evsdr.fitting.settings import PRIORS, Settings
 from evsdr.light import ground_truth, scene, tracing
 from evsdr.limits.bound import Bound, event_pair_bound
 from evsdr.metrics import angular_error_deg, score
@@ -129,10 +129,10 @@ def recover(rendered: Rendered, setting: Setting, recording: Recording, preset: 
     """Fit a recording as `evsdr.fit --thresholds known` does, with the light of `render`."""
     mask = rendered.mask
     light = rendered.light_with(setting.constant_light)
-    options = fit.Options(rendered.ring.path, Path(), preset=preset)
+    settings = Settings(preset=preset, priors=PRIORS if priors else ())
     problem = make_problem(recording, pair_events(recording, mask), light, mask)
-    start = decoder.start_normals(rendered.ring, options.init)
-    solution = decoder.solve(problem, start, options, PRIORS if priors else ())
+    start = decoder.start_normals(rendered.ring, settings.init)
+    solution = decoder.solve(problem, start, settings)
     return assemble_maps(problem, solution, mask.shape, rendered.ring)
 
 

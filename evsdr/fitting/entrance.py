@@ -1,0 +1,159 @@
+"""The entrance from Python: load a scene, fit a recording, and what a fit gives.
+
+Mitsuba must know its libLLVM before it is imported, so whatever imports it is imported here when it is called.
+"""
+
+import importlib
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from evsdr import jit
+from evsdr.errors import InputWarning
+from evsdr.files.atomic import check_folder
+from evsdr.files.events_h5 import read_recording
+from evsdr.fitting.settings import Settings, check_settings
+from evsdr.progress import Seconds
+from evsdr.records import Maps, Recording
+
+VARIANTS = {"cpu": "llvm_ad_spectral", "gpu": "cuda_ad_spectral"}
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a fit found.
+
+    Attributes
+    ----------
+    maps : Maps
+        Normals and reflectances, with their standard deviations.
+    solution : levenberg.Solution
+        What the solver found, pixel after pixel.
+    summary : dict
+        What was modelled and why, numbers, residuals, warnings, seconds per stage.
+    surface : dict of callable (path)
+        What writes `depth.exr` and `mesh.ply`; empty where no pixel is known.
+    """
+
+    maps: Maps
+    solution: object
+    summary: dict
+    surface: dict[str, Callable[[Path], None]]
+
+    def save(self, folder: str | Path) -> None:
+        """Write all files of `python -m evsdr.fit` into a folder, made if missing: all or none.
+
+        Raises
+        ------
+        InputError
+            The folder can't be written.
+        """
+        from evsdr.files.results import write_results
+
+        check_folder(Path(folder))
+        write_results(folder, self.maps, self.summary, self.surface)
+
+
+def start(device: str | None = None) -> None:
+    """Start Mitsuba on `cpu` or `gpu`, and import what fits; None keeps what runs, or takes the first.
+
+    Raises
+    ------
+    InputError
+        There is no such device or library, or Mitsuba already runs on the other.
+    """
+    mitsuba = sys.modules.get("mitsuba")
+    running = mitsuba.variant() if mitsuba and device is None else None
+    jit.start(running or VARIANTS[device or "cpu"])
+    importlib.import_module("evsdr.fitting.story")
+
+
+def load_scene(scene: str | Path | dict, /, **define):
+    """Load and check a scene; starts Mitsuba if nobody has.
+
+    Parameters
+    ----------
+    scene : str, Path or dict
+        A scene.xml, or a dictionary as of `mitsuba.load_dict`.
+    **define
+        Values for the file's `<default>` parameters.
+
+    Returns
+    -------
+    RingScene
+
+    Raises
+    ------
+    InputError
+        The scene is missing or wrong.
+    """
+    start()
+    from evsdr.light import scene as scenes
+
+    return scenes.load_scene(scene, {name: str(value) for name, value in define.items()})
+
+
+def fit(
+    scene,
+    recording: Recording | str | Path,
+    settings: Settings = Settings(),
+    mask: np.ndarray | str | Path | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Fit:
+    """Recover normals and reflectances from a recording.
+
+    Parameters
+    ----------
+    scene : RingScene, path or dict
+        See `load_scene`.
+    recording : Recording, or path
+        Events with sensor and schedule, or an events.h5.
+    settings : Settings
+        What is asked of each effect, and how hard to try.
+    mask : (height, width) bool, or path, optional
+        Pixels to solve; by default all of the object.
+    progress : callable (stage, share), optional
+        Told what is under way, and which share of it, 0..1, is done.
+
+    Raises
+    ------
+    InputError
+        Something given can't be used.
+
+    Warns
+    -----
+    InputWarning
+        Something given can be used, but the user should know; also in the summary.
+    """
+    check_settings(settings)
+    seconds = Seconds(progress)
+    with collected_warnings() as messages:
+        start()
+        from evsdr.fitting.story import fit_recording
+        from evsdr.light.scene import RingScene
+
+        recording = recording if isinstance(recording, Recording) else read_recording(recording)
+        ring = scene if isinstance(scene, RingScene) else load_scene(scene)
+        found = fit_recording(ring, recording, settings, mask, seconds)
+    return replace(found, summary=found.summary | {"warnings": messages, "seconds": seconds.seconds})
+
+
+@contextmanager
+def collected_warnings() -> Iterator[list[str]]:
+    """Keep back warnings, and give each once at the end; gives the list of their texts, then complete."""
+    messages: list[str] = []
+    caught: list = []
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", InputWarning)
+            yield messages
+    finally:
+        once = {str(warning.message): warning.message for warning in caught}
+        messages += once
+        for warning in once.values():
+            warnings.warn(warning, stacklevel=4)

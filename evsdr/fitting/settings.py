@@ -1,0 +1,66 @@
+"""What a user asks of a fit."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args, get_origin, get_type_hints
+
+from evsdr.errors import InputError, check_range
+
+PRIORS = ("normal", "integrable", "reflectance", "spectra")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is asked of each effect, and how hard to try."""
+
+    preset: Literal["fast", "balanced", "accurate"] = "balanced"
+    """Speed against accuracy."""
+    solver: Literal["lm", "adam"] = "lm"
+    """Per-pixel Levenberg-Marquardt, or the decoder of the EventSpecPS paper."""
+    shadows: Literal["auto", "off", "scene", "estimate", "downweight"] = "auto"
+    """Cast shadows: left out, traced on the scene's geometry, traced on the depth that the fitted normals give,
+    down-weighted as outliers, or decided from what they would change."""
+    leds: Literal["auto", "near", "far"] = "auto"
+    """LEDs at finite distance: direction and fall-off per pixel, one for all pixels, or decided from the parallax."""
+    light_paths: Literal["auto", "direct", "indirect"] = "auto"
+    """Light by way of other surfaces; auto models it where max_depth of the scene is above 1 and it counts."""
+    gloss: Literal["auto", "off", "lobe", "blinn-phong", "gate"] = "auto"
+    """Highlights: left out, a rough dielectric coating or a Blinn-Phong lobe fitted with the maps, the angular gate of
+    the EventSpecPS paper, or decided from the residuals: the coating, or nothing."""
+    thresholds: Literal["auto", "known", "estimate"] = "auto"
+    """Contrast thresholds: as the recording tells, or estimated per pixel; auto estimates them where it tells
+    one value for all pixels."""
+    refractory: Literal["auto", "known", "estimate"] = "auto"
+    """Refractory period of the sensor: as the recording tells, or estimated; auto estimates it where the recording
+    does not tell it."""
+    lag: Literal["auto", "off"] = "auto"
+    """Lag of the photoreceptors in dim light: estimated if the events show one, or left out."""
+    priors: tuple[str, ...] = PRIORS
+    """What pixels tell of each other: smooth normals, slopes of one surface, smooth reflectance, spectra of few
+    kinds. Edges stay, and the data decide how strong each is."""
+    init: Literal["frontal", "geometry"] = "frontal"
+    """Start value of the normals."""
+    seed: int = 0
+    """Seed of everything random."""
+
+
+def check_settings(settings: Settings) -> None:
+    """Refuse what no setting can be.
+
+    Raises
+    ------
+    InputError
+        A choice, a prior or the seed is none.
+    """
+    for name, kind in get_type_hints(Settings).items():
+        chosen = getattr(settings, name)
+        if get_origin(kind) is Literal and chosen not in get_args(kind):
+            raise InputError(f"{name} is {chosen!r}; choose one of {', '.join(get_args(kind))}.")
+    check_priors(settings.priors, "priors")
+    check_range("seed", settings.seed, 0)
+
+
+def check_priors(priors: tuple[str, ...], what: str) -> None:
+    """Refuse names of priors that there are not; `what` names their source."""
+    for name in priors:
+        if name not in PRIORS:
+            raise InputError(f"{what}: there is no {name!r}; name some of {', '.join(PRIORS)}, or none.")

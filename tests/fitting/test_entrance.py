@@ -1,0 +1,90 @@
+"""The entrance from Python: the same results as the command, on files and on arrays."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import evsdr
+from evsdr.commands import fit as command
+from evsdr.fitting.entrance import collected_warnings
+from tests.support.small_scene import HEIGHT, WIDTH
+
+FAST = evsdr.Settings(preset="fast")
+
+
+@pytest.fixture
+def given(place):
+    return evsdr.load_scene(place / "scene.xml"), evsdr.read_recording(place / "events.h5")
+
+
+def test_every_name_is_there():
+    assert set(evsdr.__all__) <= set(dir(evsdr))
+    for name in set(evsdr.__all__) - {"simulate"}:
+        assert getattr(evsdr, name).__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        evsdr.nothing
+
+
+def test_saved_results_are_those_of_the_command(place, given, tmp_path, capsys):
+    assert command.main([str(place / "scene.xml"), str(place / "events.h5"), "--preset", "fast"]) == 0
+    evsdr.fit(*given, FAST).save(tmp_path / "api")
+    assert {p.name for p in (tmp_path / "api").iterdir()} == {p.name for p in (place / "events").iterdir()}
+    ours, theirs = (np.load(folder / "maps.npz") for folder in (tmp_path / "api", place / "events"))
+    for name in theirs.files:
+        np.testing.assert_array_equal(ours[name], theirs[name])
+
+
+def test_a_fit_from_arrays_names_no_file(given):
+    ring, recording = given
+    bare = replace(recording, source="the recording", sensor=replace(recording.sensor, width=WIDTH + 1))
+    with pytest.raises(evsdr.InputError, match=f"but the events of the recording are {WIDTH + 1} x {HEIGHT}"):
+        evsdr.fit(ring, bare, FAST)
+
+
+def test_a_scene_may_be_a_dictionary(given):
+    _, recording = given
+    far = {"type": "directional", "irradiance": {"type": "rgb", "value": 1.0}}
+    with pytest.raises(evsdr.InputError, match="^the scene: "):
+        evsdr.load_scene({"type": "scene", "led_0": far})
+    with pytest.raises(evsdr.InputError, match="no parameter size to set"):
+        evsdr.load_scene({"type": "scene"}, size=8)
+
+
+def test_progress_and_seconds(given):
+    told = []
+    found = evsdr.fit(*given, FAST, progress=lambda stage, share: told.append((stage, share)))
+    stages = found.summary["seconds"]
+    assert [stage for stage, share in told if share == 0] == list(stages)
+    assert all(0 <= share <= 1 for _, share in told) and any(", " in stage for stage, _ in told)
+
+
+def test_a_mask_of_another_size_is_refused(given):
+    with pytest.raises(evsdr.InputError, match="^the mask has shape"):
+        evsdr.fit(*given, FAST, mask=np.ones((WIDTH, HEIGHT)))
+    with pytest.raises(evsdr.InputError, match="^the mask: the mask has no pixel"):
+        evsdr.fit(*given, FAST, mask=np.zeros((HEIGHT, WIDTH)))
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ({"shadows": "dark"}, "shadows is 'dark'; choose one of auto, off"),
+        ({"priors": ("normal", "hope")}, "priors: there is no 'hope'"),
+        ({"seed": -1}, "seed is -1"),
+    ],
+)
+def test_bad_settings(given, setting, words):
+    with pytest.raises(evsdr.InputError, match=words):
+        evsdr.fit(*given, evsdr.Settings(**setting))
+
+
+def test_each_warning_is_given_once_and_listed():
+    with warnings.catch_warnings(record=True) as caught, pytest.raises(ValueError, match="stop"):
+        warnings.simplefilter("always")
+        with collected_warnings() as messages:
+            for text in ("a", "b", "a"):
+                warnings.warn(evsdr.InputWarning(text))
+            raise ValueError("stop")
+    assert messages == ["a", "b"] == [str(w.message) for w in caught]
