@@ -10,6 +10,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 pytest.register_assert_rewrite("tests.support")
 
@@ -20,6 +21,17 @@ from tests.support.command_line import Commands
 from tests.support.small_scene import scene
 
 REPOSITORY = Path(__file__).resolve().parent.parent
+
+# The same few examples every time, however slow the machine.
+settings.register_profile(
+    "few",
+    derandomize=True,
+    deadline=None,
+    database=None,
+    max_examples=15,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("few")
 
 
 def pytest_configure():

@@ -1,16 +1,13 @@
 """What the commands share: exit status, sentences, tables and seconds per stage."""
 
-import io
 import sys
-import time
 import warnings
 from dataclasses import dataclass
 
 import pytest
 
 from evsdr.commands.console import print_table, run_command
-from evsdr.errors import InputError, InputWarning, check_range, parse_definitions
-from evsdr.progress import Stages
+from evsdr.errors import InputError, InputWarning
 
 
 @dataclass(frozen=True)
@@ -86,69 +83,8 @@ def test_arguments_are_those_of_the_process(monkeypatch):
     assert seen == [Options(4)]
 
 
-def test_definitions():
-    assert parse_definitions(()) == {}
-    assert parse_definitions(("a=1", "b=x=y", "c=", "a=2")) == {"a": "2", "b": "x=y", "c": ""}
-
-
-@pytest.mark.parametrize("text", ["a", "=1", "=", ""])
-def test_bad_definition(text):
-    with pytest.raises(InputError, match=f"^-D {text}: write it as -D name=value.$"):
-        parse_definitions(("b=1", text))
-
-
-@pytest.mark.parametrize("value", [1, 2**32 - 1])
-def test_number_in_range(value):
-    check_range("--n", value, 1)
-
-
-@pytest.mark.parametrize("value", [0, -5, 2**32])
-def test_number_out_of_range(value):
-    with pytest.raises(InputError, match=f"^--n is {value}; give a whole number from 1 to 4294967295.$"):
-        check_range("--n", value, 1)
-
-
 def test_table_shows_brackets(capsys):
     print_table("a[/b] [bold]", [("time [s]", "1.5"), ("[red]", "[/]")])
     out, err = capsys.readouterr()
     assert err == ""
     assert all(text in out for text in ("a[/b] [bold]", "time [s]", "1.5", "[red]", "[/]"))
-
-
-def test_seconds_of_stages():
-    with Stages("count") as stages:
-        with stages.stage("one") as advance:
-            advance("half", 0.5)
-            time.sleep(0.01)
-        with stages.stage("two"):
-            pass
-    assert list(stages.seconds) == ["one", "two"]
-    assert stages.seconds["one"] >= 0.01 and stages.seconds["two"] >= 0
-
-
-def test_seconds_of_a_stage_that_fails():
-    with pytest.raises(InputError), Stages("count") as stages, stages.stage("one"):
-        raise InputError("a")
-    assert list(stages.seconds) == ["one"]
-
-
-def run_stages():
-    with Stages("count") as stages, stages.stage("first") as advance:
-        advance("a detail", 0.5)
-        stages._progress.refresh()  # else it is drawn ten times a second
-
-
-def test_progress_goes_to_standard_error_of_a_terminal(monkeypatch):
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
-
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(sys, "stderr", Terminal())
-    run_stages()
-    assert "count: first, a detail" in sys.stderr.getvalue()
-
-
-def test_no_progress_without_a_terminal(capsys):
-    run_stages()
-    assert capsys.readouterr() == ("", "")

@@ -1,0 +1,27 @@
+"""Checks that many commands share."""
+
+import pytest
+
+from evsdr.errors import InputError, check_range, parse_definitions
+
+
+def test_definitions():
+    assert parse_definitions(()) == {}
+    assert parse_definitions(("a=1", "b=x=y", "c=", "a=2")) == {"a": "2", "b": "x=y", "c": ""}
+
+
+@pytest.mark.parametrize("text", ["a", "=1", "=", ""])
+def test_bad_definition(text):
+    with pytest.raises(InputError, match=f"^-D {text}: write it as -D name=value.$"):
+        parse_definitions(("b=1", text))
+
+
+@pytest.mark.parametrize("value", [1, 2**32 - 1])
+def test_number_in_range(value):
+    check_range("--n", value, 1)
+
+
+@pytest.mark.parametrize("value", [0, -5, 2**32])
+def test_number_out_of_range(value):
+    with pytest.raises(InputError, match=f"^--n is {value}; give a whole number from 1 to 4294967295.$"):
+        check_range("--n", value, 1)
