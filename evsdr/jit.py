@@ -40,7 +40,7 @@ _INSTALL = (
 )
 
 
-def start(variant: str = "llvm_ad_spectral") -> None:
+def start(variant: str | None = None) -> None:
     """Start Mitsuba with a variant and register the plugins of evsdr; once per process is enough.
 
     Call it before anything imports `drjit` or `mitsuba`: Dr.Jit then loads the libLLVM that is found here,
@@ -48,14 +48,17 @@ def start(variant: str = "llvm_ad_spectral") -> None:
 
     Parameters
     ----------
-    variant : str
-        One of `VARIANTS`.
+    variant : str, optional
+        One of `VARIANTS`; by default the one that runs, or the first.
 
     Raises
     ------
     InputError
         If no usable libLLVM or GPU is there, or the process already runs another variant.
     """
+    if variant is None:
+        running = sys.modules["mitsuba"].variant() if "mitsuba" in sys.modules else None
+        variant = running if running in VARIANTS else VARIANTS[0]
     if variant not in VARIANTS:
         raise InputError(f"evsdr runs as {' or '.join(VARIANTS)}, not as {variant}.")
     needs_llvm = variant.startswith("llvm_")

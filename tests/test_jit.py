@@ -198,6 +198,14 @@ def test_one_variant_per_process():
         jit.start("cuda_ad_spectral")
 
 
+def test_what_runs_is_kept(monkeypatch):
+    monkeypatch.setattr(mi, "variant", lambda: "cuda_ad_spectral")
+    chosen = []
+    monkeypatch.setattr(mi, "set_variant", chosen.append)
+    jit.start()
+    assert chosen == ["cuda_ad_spectral"]
+
+
 def test_unknown_variant():
     with pytest.raises(InputError, match="not as scalar_rgb"):
         jit.start("scalar_rgb")

@@ -1,7 +1,10 @@
 """`calibrate directions` and `calibrate powers`: read, estimate, write."""
 
 import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from scipy.ndimage import binary_erosion
@@ -13,10 +16,11 @@ from evsdr.calibration import patch as patching
 from evsdr.calibration.equations import collect_pairs, join, thin
 from evsdr.calibration.mirror import find_highlights, led_contrast
 from evsdr.calibration.scene_text import find_leds, flatten, include_text, place_led, scale_led
-from evsdr.errors import InputError, InputWarning, check_range, parse_definitions
+from evsdr.errors import InputError, InputWarning, check_range
 from evsdr.files.events_h5 import read_recording
 from evsdr.files.mask import read_mask
 from evsdr.light.camera import view_of
+from evsdr.light.entry import open_scene
 from evsdr.metrics import angular_error_deg
 from evsdr.model.view import View, depth_of_origin, pixel_centers
 from evsdr.records import Recording
@@ -28,29 +32,47 @@ MISFIT = 0.5  # noise of the residuals, in thresholds, above which model and eve
 VAGUE_DEG = 10.0  # sigma of a direction above which it is not known
 
 
-def load_ring(scene: Path, define: tuple[str, ...]):
-    """Load a scene.xml with `name=value` parameters; gives a scene.RingScene."""
-    from evsdr import jit
+@dataclass(frozen=True)
+class Ball:
+    """What is told of a ball under the ring.
 
-    jit.start()
-    from evsdr.light.scene import load_scene
+    Attributes
+    ----------
+    surface : str
+        `matt` or `mirror`; a mirror gives directions only, and its outline can't be found.
+    circle : (float, float, float) or None
+        Column and row of its centre, and its radius [pixels]; None to find them.
+    mask : Path or None
+        Image whose non-zero pixels are the ball, to find its outline from; None to find it from the events.
+    near : bool
+        Whether to estimate positions instead of directions.
+    radius : float or None
+        True radius [scene units]; for positions before a perspective camera.
+    center_z : float
+        How far its centre lies from the scene's origin toward an orthographic camera [scene units].
+    """
 
-    return load_scene(scene, parse_definitions(define))
+    surface: Literal["matt", "mirror"] = "matt"
+    circle: tuple[float, float, float] | None = None
+    mask: Path | None = None
+    near: bool = False
+    radius: float | None = None
+    center_z: float = 0.0
 
 
-def _read_events(path: Path, ring, scene: Path) -> Recording:
+def _read_events(path: Path, ring) -> Recording:
     """Read a recording and check that it belongs to the scene."""
     recording = read_recording(path)
     size = (recording.sensor.width, recording.sensor.height)
     if size != (ring.width, ring.height):
         raise InputError(
-            f"{scene}: the film is {ring.width} x {ring.height} pixels but the events of {path} are "
+            f"{ring.path}: the film is {ring.width} x {ring.height} pixels but the events of {path} are "
             f"{size[0]} x {size[1]}; make the film as large as the sensor region."
         )
     lit = set(recording.schedule.order[recording.schedule.order >= 0].tolist())
     if lit != set(range(ring.leds.n_led)):
         raise InputError(
-            f"{path}: schedule/order lights {len(lit)} LEDs but {scene} has {ring.leds.n_led}; light each "
+            f"{path}: schedule/order lights {len(lit)} LEDs but {ring.path} has {ring.leds.n_led}; light each "
             "of them."
         )
     return recording
@@ -106,34 +128,61 @@ def _fit_result(solution, n_pixel: int) -> dict:
     }
 
 
-def directions(options, folder: Path) -> tuple[dict, list]:
-    """Find where the LEDs are; writes rig.xml."""
-    check_range("--seed", options.seed, 0)
-    ring = load_ring(options.scene, options.define)
+def directions(
+    folder: Path, scene: Path, events: Path, ball: Ball, seed: int = 0, define: dict[str, str] | None = None
+) -> dict:
+    """Find where the LEDs are, from a recording of a ball.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets rig.xml and residuals.png.
+    scene : Path
+        Scene file with the camera, and the LEDs roughly where they are.
+    events : Path
+        The recording, an events.h5.
+    ball : Ball
+    seed : int
+        Of the choice of events where there are very many.
+    define : dict, optional
+        Values for the `<default>` parameters of the scene file.
+
+    Returns
+    -------
+    dict
+        Every estimate and its sigma, as calibration.json holds them.
+
+    Raises
+    ------
+    InputError
+        Something given can't be used, or the events don't tell.
+    """
+    check_range("--seed", seed, 0)
+    ring = open_scene(scene, define)
     view = view_of(ring)
-    recording = _read_events(options.events, ring, options.scene)
+    recording = _read_events(events, ring)
     direction, gain, _ = _nominal_light(ring)
     nominal = direction.mean(axis=1)
     nominal /= np.linalg.norm(nominal, axis=1, keepdims=True)
-    outline = _ball_outline(options, view, recording)
-    if options.ball == "mirror":
-        found, image, residual, fit = _mirror(options, view, recording, outline, len(nominal))
+    outline = _ball_outline(ball, view, recording)
+    if ball.surface == "mirror":
+        found, image, residual, fit = _mirror(ball, view, recording, outline, len(nominal), seed)
         position = position_sigma = noise = None
     else:
-        found, image, pairs = _matt(options, view, recording, outline, nominal, gain.mean(axis=1), ring)
+        found, image, pairs = _matt(ball, view, recording, outline, nominal, gain.mean(axis=1), ring, seed)
         fit = _fit_result(found.solution, int(np.count_nonzero(pairs)))
         residual, noise = found.solution.residual, found.solution.noise
         position, position_sigma = found.position, found.position_sigma
         outline = found.outline
         if noise <= MISFIT and not (found.sigma_deg < VAGUE_DEG).all():
-            raise InputError(f"{options.events}: too few events to tell the directions; record more rounds.")
+            raise InputError(f"{events}: too few events to tell the directions; record more rounds.")
     leds = []
-    for j, led in enumerate(find_leds(flatten(options.scene, parse_definitions(options.define)))):
+    for j, led in enumerate(find_leds(flatten(scene, define or {}))):
         toward = found.direction[j] @ view.frame
         where = None if position is None else view.point_to_world(position[j])
         if where is not None and led.get("type") == "directional":
             center, _ = balls.place_ball(
-                view, outline, options.radius or 1.0, depth_of_origin(view, options.center_z)
+                view, outline, ball.radius or 1.0, depth_of_origin(view, ball.center_z)
             )
             led = scale_led(led, float(np.sum((position[j] - center) ** 2)))
         leds.append(place_led(led, toward, where))
@@ -143,8 +192,8 @@ def directions(options, folder: Path) -> tuple[dict, list]:
     )
     change = angular_error_deg(found.direction, nominal)
     result = {
-        "scene": str(options.scene),
-        "events": str(options.events),
+        "scene": str(scene),
+        "events": str(events),
         "frame": "direction: camera frame, x right, y up, z toward the camera, from the ball's centre; "
         "position: world",
         "ball_outline_pixels": np.asarray(outline).tolist(),
@@ -163,7 +212,7 @@ def directions(options, folder: Path) -> tuple[dict, list]:
         for j, entry in enumerate(result["leds"]):
             entry["position"] = view.point_to_world(position[j]).tolist()
             entry["position_sigma"] = float(position_sigma[j])
-    if options.ball == "matt":
+    if ball.surface == "matt":
         result["ball_outline_sigma_pixels"] = found.outline_sigma.tolist()
         result["strength"] = {
             "meaning": "power times reflectance of the ball, mean 1",
@@ -174,48 +223,40 @@ def directions(options, folder: Path) -> tuple[dict, list]:
             "value": found.constant_light,
             "sigma": found.constant_light_sigma,
         }
-    rows = [
-        ("LEDs", f"{len(leds)}"),
-        ("sigma, median [deg]", f"{np.median(found.sigma_deg):.3f}"),
-        ("sigma, largest [deg]", f"{found.sigma_deg.max():.3f}"),
-        ("moved from the scene file, median [deg]", f"{np.median(change):.3f}"),
-    ]
-    if position is not None:
-        rows.append(("sigma of positions, median", f"{np.median(position_sigma):.4f}"))
-    return result, rows
+    return result
 
 
-def _ball_outline(options, view: View, recording: Recording) -> np.ndarray:
+def _ball_outline(ball: Ball, view: View, recording: Recording) -> np.ndarray:
     shape = (recording.sensor.height, recording.sensor.width)
-    if options.circle:
-        return np.array(options.circle)
-    if options.mask:
-        return balls.fit_outline(view, read_mask(options.mask, shape))
-    if options.ball == "mirror":
+    if ball.circle:
+        return np.array(ball.circle)
+    if ball.mask:
+        return balls.fit_outline(view, read_mask(ball.mask, shape))
+    if ball.surface == "mirror":
         raise InputError("the outline of a mirror ball can't be found from events; give --circle or --mask.")
     return balls.fit_outline(view, balls.firing_mask(_count(recording)))
 
 
-def _mirror(options, view, recording, outline, n_led):
-    if options.near:
+def _mirror(ball, view, recording, outline, n_led, seed):
+    if ball.near:
         raise InputError("a mirror ball tells directions, not distances; use --ball matt with --near.")
     shape = (recording.sensor.height, recording.sensor.width)
-    balls.ball_pixels(view, outline, shape, options.seed)
+    balls.ball_pixels(view, outline, shape, seed)
     found = find_highlights(view, led_contrast(recording, n_led), outline)
     fit = {"highlight_pixels": found.center.tolist(), "highlight_rms_radius_pixels": found.spread.tolist()}
     return found, _count(recording).astype(float), None, fit
 
 
-def _matt(options, view, recording, outline, nominal, gain, ring):
+def _matt(ball, view, recording, outline, nominal, gain, ring, seed):
     shape = (ring.height, ring.width)
-    mask = balls.ball_pixels(view, outline, shape, options.seed)
-    pairs = thin(collect_pairs(recording, mask, np.cumsum(mask).reshape(shape) - 1), options.seed)
+    mask = balls.ball_pixels(view, outline, shape, seed)
+    pairs = thin(collect_pairs(recording, mask, np.cumsum(mask).reshape(shape) - 1), seed)
     pixel = pixel_centers(mask)
-    depth = depth_of_origin(view, options.center_z)
-    if options.near:
-        if view.camera.perspective and not options.radius:
+    depth = depth_of_origin(view, ball.center_z)
+    if ball.near:
+        if view.camera.perspective and not ball.radius:
             raise InputError("--near with a perspective camera needs --radius, the true radius of the ball.")
-        radius = options.radius or 1.0
+        radius = ball.radius or 1.0
         _, size = balls.place_ball(view, outline, radius, depth)
         far = np.array([ring.leds.is_far(j) for j in range(ring.leds.n_led)])
         distance = np.where(far, FAR * size, 1 / np.sqrt(np.maximum(gain, 1e-12)))
@@ -227,20 +268,42 @@ def _matt(options, view, recording, outline, nominal, gain, ring):
     return found, image, mask
 
 
-def powers(options, folder: Path) -> tuple[dict, list]:
-    """Find relative powers and constant light; writes rig.xml with both."""
-    check_range("--seed", options.seed, 0)
-    if not 0 <= options.tilt_sigma_deg < 45:
-        raise InputError(
-            f"--tilt-sigma-deg is {options.tilt_sigma_deg:g}; give a standard deviation, 0 to 45."
-        )
-    ring = load_ring(options.scene, options.define)
+def powers(
+    folder: Path,
+    scene: Path,
+    tilts: Sequence[str],
+    reflectance: str = "0.99",
+    tilt_sigma_deg: float = 0.5,
+    seed: int = 0,
+    define: dict[str, str] | None = None,
+) -> dict:
+    """Find relative powers and constant light, from a white patch at several tilts.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets rig.xml with both, and residuals.png.
+    scene : Path
+        Scene file with the camera and the calibrated directions.
+    tilts : sequence of str
+        For each `events.h5:nx,ny,nz` with the patch's normal, camera frame, and optionally `:mask.png`.
+    reflectance : str
+        Of the patch: a number, or a CSV of wavelength and reflectance.
+    tilt_sigma_deg : float
+        How well the normals are known [deg].
+    seed, define, returns, raises
+        As in `directions`.
+    """
+    check_range("--seed", seed, 0)
+    if not 0 <= tilt_sigma_deg < 45:
+        raise InputError(f"--tilt-sigma-deg is {tilt_sigma_deg:g}; give a standard deviation, 0 to 45.")
+    ring = open_scene(scene, define)
     direction, gain, seen = _nominal_light(ring)
-    band_reflectance = _patch_reflectance(options.reflectance, ring.leds.band_spectrum)[ring.leds.band]
+    band_reflectance = _patch_reflectance(reflectance, ring.leds.band_spectrum)[ring.leds.band]
     patches, parts, numbers, n_point = [], [], [], 0
-    for k, text in enumerate(options.patches):
+    for k, text in enumerate(tilts):
         path, normal, mask_path = _parse_patch(text)
-        recording = _read_events(path, ring, options.scene)
+        recording = _read_events(path, ring)
         shape = (ring.height, ring.width)
         mask = read_mask(mask_path, shape) if mask_path else _inner(balls.firing_mask(_count(recording)))
         if direction.shape[1] > 1:
@@ -266,14 +329,14 @@ def powers(options, folder: Path) -> tuple[dict, list]:
         numbers.append(np.full(len(parts[-1].change), k))
         n_point += patches[-1].gain.shape[1]
     joined = join(parts)
-    pairs = thin(joined, options.seed)
+    pairs = thin(joined, seed)
     owner = np.repeat(np.arange(len(patches)), [p.gain.shape[1] for p in patches])[pairs.point]
     nominal = ring.leds.power
     start_light = ring.constant_light or START_LIGHT * nominal.mean()
-    found = patching.solve_powers(patches, pairs, nominal, start_light, options.tilt_sigma_deg)
+    found = patching.solve_powers(patches, pairs, nominal, start_light, tilt_sigma_deg)
     leds = [
         scale_led(led, float(found.power[j] / nominal[j]))
-        for j, led in enumerate(find_leds(flatten(options.scene, parse_definitions(options.define))))
+        for j, led in enumerate(find_leds(flatten(scene, define or {})))
     ]
     title = "LED powers and constant light of evsdr.calibrate powers; include it before any other default."
     (folder / "rig.xml").write_text(include_text(title, leds, {"constant_light": found.constant_light}))
@@ -286,10 +349,8 @@ def powers(options, folder: Path) -> tuple[dict, list]:
         found.solution.residual,
         found.solution.noise,
     )
-    relative = found.power_sigma / found.power
-    share = found.constant_light_sigma / found.constant_light
     result = {
-        "scene": str(options.scene),
+        "scene": str(scene),
         "unit": "events tell ratios only: the mean power is that of the scene file, C_w is in that unit",
         "constant_light": {"value": found.constant_light, "sigma": found.constant_light_sigma},
         "fit": _fit_result(found.solution, len(np.unique(joined.cluster))),
@@ -304,16 +365,10 @@ def powers(options, folder: Path) -> tuple[dict, list]:
                 "change_deg": float(found.tilt_change_deg[k]),
                 "sigma_deg": float(found.tilt_sigma_deg[k]),
             }
-            for k, text in enumerate(options.patches)
+            for k, text in enumerate(tilts)
         ],
     }
-    rows = [
-        ("C_w", f"{found.constant_light:.5g} +- {found.constant_light_sigma:.2g} ({share:.2%})"),
-        ("sigma of the powers, median", f"{np.median(relative):.2%}"),
-        ("powers, least and most", f"{found.power.min():.4g}, {found.power.max():.4g}"),
-        ("tilts moved by at most [deg]", f"{found.tilt_change_deg.max():.3f}"),
-    ]
-    return result, rows
+    return result
 
 
 def _inner(mask: np.ndarray) -> np.ndarray:

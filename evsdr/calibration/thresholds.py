@@ -4,6 +4,7 @@ Between two events of a pixel log I changes by p C, from the end of the refracto
 the second. With log I(t) known, every pair is a measurement of C_on or C_off.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -202,18 +203,51 @@ def _median(pixel: np.ndarray, value: np.ndarray, n_pixel: int) -> np.ndarray:
     )
 
 
-def thresholds(options, folder: Path) -> tuple[dict, list]:
-    """Measure thresholds per pixel; writes thresholds.h5 and copies of recordings."""
-    for path in options.apply:
+def thresholds(
+    folder: Path,
+    events: Path,
+    waveform: str = "sine-log",
+    depth: float = 2.0,
+    period_us: float | None = None,
+    start_us: float | None = None,
+    apply: Sequence[Path] = (),
+) -> dict:
+    """Measure thresholds per pixel.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets thresholds.h5, residuals.png and the copies of recordings.
+    events : Path
+        Recording of the flicker, an events.h5.
+    waveform : str
+    depth : float
+        See `log_waveform`.
+    period_us, start_us : float, optional
+        See `flicker_schedule`.
+    apply : sequence of Path
+        Recordings to copy with these thresholds.
+
+    Returns
+    -------
+    dict
+        Every estimate and its sigma, as calibration.json holds them.
+
+    Raises
+    ------
+    InputError
+        Something given can't be used, or the events don't tell.
+    """
+    for path in apply:
         if not path.is_file():
             raise InputError(f"{path}: there is no such file; name a recording.")
-    recording = read_recording(options.events)
-    wave = log_waveform(options.waveform, options.depth)
-    schedule = flicker_schedule(recording, options.period_us, options.start_us)
+    recording = read_recording(events)
+    wave = log_waveform(waveform, depth)
+    schedule = flicker_schedule(recording, period_us, start_us)
     try:
         found = dict(zip(("on", "off"), measure_thresholds(recording, wave, schedule)))
     except InputError as error:
-        raise InputError(f"{options.events}: {error}") from error
+        raise InputError(f"{events}: {error}") from error
     with h5py.File(folder / "thresholds.h5", "w") as file:
         group = file.create_group("sensor")
         for name, one in found.items():
@@ -222,36 +256,27 @@ def thresholds(options, folder: Path) -> tuple[dict, list]:
             group[f"contrast_threshold_{name}_known"] = one.known
             group.attrs[f"contrast_threshold_{name}"] = float(np.mean(one.value))
         group.attrs["refractory_us"] = recording.sensor.refractory_us
-    for path in options.apply:
+    for path in apply:
         other = read_recording(path)
         if (other.sensor.width, other.sensor.height) != (recording.sensor.width, recording.sensor.height):
-            raise InputError(
-                f"{path}: its sensor region differs from that of {options.events}; record both alike."
-            )
+            raise InputError(f"{path}: its sensor region differs from that of {events}; record both alike.")
         sensor = replace(
             other.sensor, contrast_threshold_on=found["on"].value, contrast_threshold_off=found["off"].value
         )
         write_recording(folder / path.name, replace(other, sensor=sensor))
     draw.draw_thresholds(folder / "residuals.png", found)
-    result = {"events": str(options.events), "waveform": options.waveform, "period_us": schedule.slot_us}
-    rows = []
+    result = {"events": str(events), "waveform": waveform, "period_us": schedule.slot_us}
     for name, one in found.items():
         known, value = one.known, one.value[one.known]
-        relative = float(np.median(one.sigma[known] / value))
         result[f"contrast_threshold_{name}"] = {
             "median": float(np.median(value)),
             "spread_between_pixels": float(np.std(value)),
             "sigma_of_a_pixel_median": float(np.median(one.sigma[known])),
+            "relative_sigma_of_a_pixel_median": float(np.median(one.sigma[known] / value)),
             "relative_noise_from_event_to_event": one.noise,
             "pixels_known": int(known.sum()),
             "pixels": int(known.size),
             "pairs": one.n_pair,
             "pairs_against_the_waveform": one.n_wrong,
         }
-        rows += [
-            (f"C_{name}, median", f"{np.median(value):.4f}"),
-            (f"C_{name}, spread between pixels", f"{np.std(value):.4f}"),
-            (f"C_{name}, sigma of a pixel", f"{relative:.2%}"),
-            (f"C_{name}, pixels known", f"{known.sum():,} of {known.size:,}"),
-        ]
-    return result, rows
+    return result

@@ -5,15 +5,16 @@ and residuals.png.
 """
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, Union
 
 import tyro
 
-from evsdr import __version__
+from evsdr import __version__, jit
+from evsdr.commands.calibrate_tables import rows_of
 from evsdr.commands.console import print_table, run_command
+from evsdr.errors import parse_definitions
 from evsdr.files.atomic import atomic_folder, check_folder
 
 Define = Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction]
@@ -186,20 +187,80 @@ def command(options: Options) -> None:
     out = options.out or Path("out") / f"calibrate_{name}"
     check_folder(out)
     with atomic_folder(out) as folder:
-        result, rows = _calibration(name)(options, folder)
+        result = _calibrate(options, folder)
         text = json.dumps({"evsdr": __version__, "calibrate": name, **result}, indent=2, allow_nan=False)
         (folder / "calibration.json").write_text(text + "\n", encoding="utf-8")
-    print_table(f"calibrate {name}", rows)
+    print_table(f"calibrate {name}", rows_of(name, result))
     print(f"picture: {out / 'residuals.png'}; all else in {out}")
 
 
-def _calibration(name: str) -> Callable[[Options, Path], tuple[dict, list[tuple[str, str]]]]:
-    """Give what reads, estimates and writes; it gives what calibration.json holds, and rows to print."""
-    if name == "thresholds":
-        from evsdr.calibration.thresholds import thresholds
+def _calibrate(options: Options, folder: Path) -> dict:
+    """Read, estimate, write; gives what calibration.json holds."""
+    define = parse_definitions(getattr(options, "define", ()))
+    if isinstance(options, (Directions, Powers, Pose)):
+        jit.start()  # before what imports Mitsuba
+    match options:
+        case Directions():
+            from evsdr.calibration.leds import Ball, directions
 
-        return thresholds
+            ball = Ball(
+                options.ball, options.circle, options.mask, options.near, options.radius, options.center_z
+            )
+            return directions(folder, options.scene, options.events, ball, options.seed, define)
+        case Powers():
+            from evsdr.calibration.leds import powers
 
-    from evsdr.calibration import leds, reference
+            return powers(
+                folder,
+                options.scene,
+                options.patches,
+                options.reflectance,
+                options.tilt_sigma_deg,
+                options.seed,
+                define,
+            )
+        case Thresholds():
+            from evsdr.calibration.thresholds import thresholds
 
-    return getattr(leds if name in ("directions", "powers") else reference, name)
+            return thresholds(
+                folder,
+                options.events,
+                options.waveform,
+                options.depth,
+                options.period_us,
+                options.start_us,
+                options.apply,
+            )
+        case Reference():
+            from evsdr.calibration.reference import reference
+
+            return reference(
+                folder,
+                options.scene,
+                options.spectra,
+                options.patches,
+                options.reserved,
+                options.white,
+                options.white_reflectance,
+                define,
+            )
+        case Scale():
+            from evsdr.calibration.reference import Patches, scale
+
+            patches = Patches(options.corners, options.rows, options.columns, options.gap, options.labels)
+            return scale(
+                folder, options.maps, options.reference, options.reserved, patches, options.constant_light
+            )
+        case Pose():
+            from evsdr.calibration.cad import Cad, pose
+
+            model = Cad(
+                options.mesh,
+                options.points,
+                options.mask,
+                options.maps,
+                options.unit,
+                options.center_z,
+                options.face_normals,
+            )
+            return pose(folder, options.scene, model, options.spp, define)

@@ -9,17 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evsdr.commands.console import run_command
-from evsdr.commands.convert import convert
-from evsdr.commands.ring import write_log
+from evsdr.commands.convert import JoinOptions, join_files
 from evsdr.errors import InputError, check_range
 from evsdr.files.atomic import check_folder
 from evsdr.progress import Stages
 from evsdr.rig.camera import Camera, Control, open_camera
+from evsdr.rig.capture import capture, run_to_end
 from evsdr.rig.driver import N_LED, Ring, RingSettings, find_port
-from evsdr.rig.join import JoinOptions
-from evsdr.rig.log import read_ring_log
-
-POLL_S = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,26 +57,11 @@ def main(argv: list[str] | None = None) -> int:
 def command(options: Options) -> None:
     """Record, join, print what came out."""
     camera = open_camera(options.camera, options.recording, options.serial)
-    capture(options, camera, lambda: Ring(options.port or find_port()))
+    record_and_join(options, camera, lambda: Ring(options.port or find_port()))
 
 
-def capture(options: Options, camera: Camera, open_ring: Callable[[], Ring]) -> None:
-    """Record the ring with the camera, join both, print what came out.
-
-    Parameters
-    ----------
-    options : Options
-        As on the command line.
-    camera : Camera
-        What records.
-    open_ring : callable () -> Ring
-        Gives the ring, which is dark when it is left.
-
-    Raises
-    ------
-    InputError
-        Something given can't be used, or camera or ring fail. A complete recording and its log stay.
-    """
+def record_and_join(options: Options, camera: Camera, open_ring: Callable[[], Ring]) -> None:
+    """Record the ring with a camera, join both; a complete recording and its log stay if they don't fit."""
     check_range("--rounds", options.rounds, 1)
     settings = RingSettings(
         options.order,
@@ -92,30 +73,17 @@ def capture(options: Options, camera: Camera, open_ring: Callable[[], Ring]) -> 
         options.sync_slots,
     )
     check_folder(options.out)
-    with open_ring() as ring:
-        ring.configure(settings)
-        options.out.mkdir(parents=True, exist_ok=True)
-        camera.start(options.out / "recording.raw")
-        try:
-            _run(ring, options.rounds)
-        except BaseException:
-            camera.abandon()
-            raise
-    recording = camera.stop()
-    log_file = options.out / "ring.json"
-    write_log(log_file, ring.log)
+    recording, log = capture(camera, open_ring, settings, options.out, _run)
     try:
-        convert(recording, read_ring_log(log_file), options.out / "events.h5", options)
+        join_files(recording, log, options.out / "events.h5", options)
     except InputError as error:
         raise InputError(
             f"{str(error).removesuffix('.')}; the run is kept, so join it by "
-            f"python -m evsdr.convert {recording} --ring {log_file}."
+            f"python -m evsdr.convert {recording} --ring {log}."
         ) from error
 
 
 def _run(ring: Ring, n_round: int) -> None:
-    """Run the ring to its end, with progress."""
+    """Run the ring to its end, with progress; only now, as a camera by hand asks before and after."""
     with Stages("capture") as stages, stages.stage("record") as advance:
-        ring.start()
-        while not ring.wait(POLL_S):
-            advance(f"round {ring.log.rounds_done + 1}", ring.log.rounds_done / n_round)
+        run_to_end(ring, n_round, advance)

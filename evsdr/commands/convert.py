@@ -7,21 +7,37 @@ the camera's clock, the sensor and the schedule.
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import tyro
 
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError
-from evsdr.files.atomic import atomic_path
-from evsdr.files.events_h5 import SENSOR_DEFAULTS, write_recording
 from evsdr.progress import Stages
-from evsdr.records import Recording
-from evsdr.rig import health
-from evsdr.rig.camera_file import CameraRecording, crop
-from evsdr.rig.join import JoinOptions, join, read_sensor
-from evsdr.rig.log import RingLog, read_ring_log
-from evsdr.rig.metavision import read_hdf5
-from evsdr.rig.raw import is_raw, read_raw
+from evsdr.rig.rounds import Edge
+
+
+@dataclass(frozen=True, kw_only=True)
+class JoinOptions:
+    """How a recording and the ring's log are joined."""
+
+    trigger_edge: Edge = "rising"
+    """Edge of a trigger pulse that marks the start of a round; falling for an active-low trigger."""
+    trigger_id: int | None = None
+    """Trigger input that marks the rounds; by default the one that fits."""
+    start_us: float | None = None
+    """Start of the first round on the camera's clock [us], for a recording without triggers."""
+    crop: tuple[int, int, int, int] | None = None
+    """Left, top, width and height of the region to keep; as large as the film of the scene file."""
+    sensor_size: tuple[int, int] | None = None
+    """Width and height of the sensor, where the file does not tell."""
+    thresholds: Path | None = None
+    """Calibration file (.npz or .h5) with contrast_threshold_on and contrast_threshold_off, numbers or
+    (height, width) arrays, and perhaps refractory_us. The options below win over it."""
+    threshold_on: float | None = None
+    """Contrast threshold of ON events (natural log)."""
+    threshold_off: float | None = None
+    """Contrast threshold of OFF events (natural log)."""
+    refractory_us: float | None = None
+    """Refractory period [us]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,42 +62,41 @@ def command(options: Options) -> None:
     out = options.out or options.recording.with_name("events.h5")
     if out.resolve() == options.recording.resolve():
         raise InputError(f"{out}: this is the recording itself; give another file by --out.")
-    convert(options.recording, read_ring_log(options.ring), out, options)
+    join_files(options.recording, options.ring, out, options)
 
 
-def convert(path: Path, log: RingLog, out: Path, options: JoinOptions) -> None:
-    """Join a recording and the ring's log, write events.h5, print a table and hints.
+def join_files(path: Path, log_path: Path, out: Path, options: JoinOptions) -> None:
+    """Join a recording and the ring's log, write events.h5, print a table and hints."""
+    from evsdr.rig import health
+    from evsdr.rig.camera_file import crop
+    from evsdr.rig.join import join, read_sensor, write_joined
+    from evsdr.rig.log import read_ring_log
+    from evsdr.rig.reader import read_camera_file
 
-    Parameters
-    ----------
-    path : Path
-        The camera's recording.
-    log : RingLog
-        What the ring did.
-    out : Path
-        File to write.
-    options : JoinOptions
-        As on the command line.
-
-    Raises
-    ------
-    InputError
-        Something given can't be used; then nothing is written.
-    """
+    log = read_ring_log(log_path)
     with Stages("convert") as stages:
         with stages.stage("read recording"):
             camera = read_camera_file(path, options.sensor_size)
             size = (camera.height, camera.width)
             if options.crop:
                 camera = crop(camera, *options.crop)
-        known = read_sensor(options, size)
+        known = read_sensor(
+            size,
+            options.crop,
+            options.thresholds,
+            options.threshold_on,
+            options.threshold_off,
+            options.refractory_us,
+        )
         with stages.stage("join"):
             try:
-                recording, rounds = join(camera, log, known, options)
+                recording, rounds = join(
+                    camera, log, known, options.trigger_edge, options.trigger_id, options.start_us
+                )
             except InputError as error:
                 raise InputError(f"{path}: {error}") from error
         with stages.stage("write"):
-            write(out, recording, known)
+            write_joined(out, recording, known)
     n_round = len(rounds) if rounds else log.n_round
     begin = rounds.start_us[0] if rounds else recording.schedule.start_us
     figures = health.examine(
@@ -99,34 +114,3 @@ def convert(path: Path, log: RingLog, out: Path, options: JoinOptions) -> None:
     print_table(str(out), rows)
     for hint in health.hints(figures, recording) or ["Nothing stands out against this recording."]:
         print(hint)
-
-
-def read_camera_file(path: Path, size: tuple[int, int] | None = None) -> CameraRecording:
-    """Read a RAW or HDF5 file.
-
-    Raises
-    ------
-    InputError
-        There is no such file, or it is neither.
-    """
-    if size and not all(0 < number <= 65536 for number in size):
-        raise InputError(f"--sensor-size {size[0]} {size[1]} is no size; give width and height in pixels.")
-    try:
-        if not path.is_file():
-            raise InputError(f"{path}: there is no such file; name the camera's recording.")
-        if h5py.is_hdf5(path):
-            return read_hdf5(path, size)
-        if not is_raw(path):
-            raise InputError(f"{path}: this is neither a RAW nor a HDF5 file of a camera; name one.")
-        return read_raw(path, size)
-    except OSError as error:
-        raise InputError(f"{path}: it can't be read ({error.strerror or error}); copy it again.") from error
-
-
-def write(path: Path, recording: Recording, known: dict) -> None:
-    """Write events.h5 without the sensor values that are not known, so that its reader warns of them."""
-    with atomic_path(path) as temporary:
-        write_recording(temporary, recording)
-        with h5py.File(temporary, "r+") as file:
-            for name in SENSOR_DEFAULTS.keys() - known:
-                del file["sensor"].attrs[name]

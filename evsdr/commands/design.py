@@ -10,12 +10,14 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from evsdr import __version__, jit
 from evsdr.commands.console import print_table, run_command
+from evsdr.errors import InputError, check_range, parse_definitions
 from evsdr.events.pixel import EventPixel
+from evsdr.events.record import ring_schedule
 from evsdr.files.atomic import atomic_folder, check_folder
-from evsdr.limits.judge import (
-    judge,
-)
+from evsdr.progress import Stages
+from evsdr.records import Schedule
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,25 @@ def command(options: Options) -> None:
     """Judge, draw, write, print."""
     out = options.out or Path("out") / f"design_{options.scene.stem}"
     check_folder(out)
-    design, bound, mask = judge(options)
+    pixel = check_options(options)
+    with Stages("design") as stages:
+        with stages.stage("start"):
+            jit.start()
+            from evsdr.light.scene import load_scene
+            from evsdr.limits.judge import find_bound, judge, render
+        with stages.stage("trace"):
+            ring = load_scene(options.scene, parse_definitions(options.define))
+            schedule = make_schedule(options, ring.leds.n_led)
+            rendering = render(ring, options.spp, options.seed)
+        with stages.stage("bound"):
+            bound = find_bound(ring, rendering, schedule, options.rounds, pixel)
+    mask = rendering.truth.mask
+    design = {
+        "evsdr": __version__,
+        "scene": str(options.scene),
+        **judge(ring, rendering, bound, schedule, options.shininess, options.gloss_threshold),
+        "seconds": stages.seconds,
+    }
     with atomic_folder(out) as folder:
         draw(bound, mask, folder / "bound.png")
         (folder / "design.json").write_text(json.dumps(design, indent=2, allow_nan=False) + "\n")
@@ -74,6 +94,36 @@ def command(options: Options) -> None:
         print(f"- {problem}")
     print_table(f"{options.scene}", describe(design))
     print(f"picture: {out / 'bound.png'}; all else in {out / 'design.json'}")
+
+
+def check_options(options: Options) -> EventPixel:
+    """Check what the scene has no part in, and give the event pixel."""
+    for name, least in (("rounds", 1), ("spp", 1), ("seed", 0)):
+        check_range(f"--{name}", getattr(options, name), least)
+    for name, value, right, what in (
+        ("noise", options.noise, 0 < options.noise < np.inf, "a number above 0"),
+        ("slot-us", options.slot_us, 0 < options.slot_us < np.inf, "a time above 0"),
+        ("crossfade", options.crossfade, 0 <= options.crossfade <= 1, "a number from 0 to 1"),
+        ("shininess", options.shininess, 0 < options.shininess < np.inf, "a number above 0"),
+        ("gloss-threshold", options.gloss_threshold, 0 < options.gloss_threshold <= 1, "0 to 1, above 0"),
+    ):
+        if not right:
+            raise InputError(f"--{name} is {value:g}; give {what}.")
+    return EventPixel(
+        options.threshold_on,
+        options.threshold_off,
+        event_noise=options.noise,
+        refractory_us=options.refractory_us,
+    ).idealised()
+
+
+def make_schedule(options: Options, n_led: int) -> Schedule:
+    """Give the schedule of a ring of n LEDs."""
+    schedule = ring_schedule(n_led, options.order, options.slot_us, options.crossfade)
+    order = schedule.order
+    if not order.size or order.min() < -1 or order.max() >= n_led or order.max() < 0:
+        raise InputError(f"--order must name LEDs from 0 to {n_led - 1}, or -1 for none; correct it.")
+    return schedule
 
 
 # ---------------------------------------------------------------------- print and draw

@@ -1,12 +1,8 @@
 """`python -m evsdr.ring run|stop|status|test`: the real ring of LEDs at a serial port.
 
-From Python:
-
-    with Ring(find_port()) as ring:
-        log = ring.run(RingSettings(slot_us=10_000, rounds=6))
+From Python see `evsdr.rig.driver`.
 """
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +14,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError
-from evsdr.files.atomic import atomic_path
-from evsdr.rig.driver import N_LED, Ring, RingSettings, RunLog, find_port
-
-__all__ = ["Ring", "RingSettings", "RunLog", "find_port", "main"]
+from evsdr.rig.driver import N_LED, Ring, RingSettings, find_port
+from evsdr.rig.log import write_ring_log
 
 TEST_US = 300_000  # that each LED shines in a test
 WHY = {
@@ -111,22 +105,15 @@ def run(ring: Ring, settings: RingSettings, path: Path) -> None:
         ring.stop()
         if ring.log is None:
             raise
-        write_log(path, ring.log)
+        write_ring_log(path, ring.log)
         raise _Stopped(f"{ring.log.rounds_done} rounds are complete, {path} tells of them.") from None
-    write_log(path, ring.log)
+    write_ring_log(path, ring.log)
     if ring.log.ended in WHY:
         raise InputError(
             f"{ring.port}: {WHY[ring.log.ended]} after {ring.log.rounds_done} complete rounds "
             f"({path} tells more); check cable, supply and how busy this computer is."
         )
     print_table(str(path), [("rounds", str(ring.log.rounds_done)), ("ended", ring.log.ended)])
-
-
-def write_log(path: Path, log: RunLog) -> None:
-    """Write ring.json."""
-    lines = [f"{json.dumps(name)}: {json.dumps(value)}" for name, value in log.as_json().items()]
-    with atomic_path(path) as temporary:
-        temporary.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 
 
 def test(ring: Ring) -> None:

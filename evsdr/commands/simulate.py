@@ -10,12 +10,14 @@ import tyro
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError, check_range, parse_definitions
 from evsdr.events.pixel import EventPixel
-from evsdr.events.record import record
+from evsdr.events.record import record, ring_schedule
 from evsdr.files import photographs
 from evsdr.files.atomic import atomic_folder, check_folder
 from evsdr.files.events_h5 import write_recording
+from evsdr.files.truth import write_truth
+from evsdr.fitting.simulation import render
+from evsdr.light.entry import open_scene
 from evsdr.progress import Stages
-from evsdr.records import Truth
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,6 @@ class Options:
     """name=value for a <default> parameter of the scene file; may be repeated."""
 
 
-SPP, SOFT_SPP = 16, 64
-
-
 def main(argv: list[str] | None = None) -> int:
     """Run the command; gives its exit status."""
     return run_command("simulate", Options, command, argv)
@@ -86,9 +85,22 @@ def command(options: Options) -> None:
                 constant_light = 0.05 if options.constant_light is None else options.constant_light
         else:
             with stages.stage("render"):
-                signal, truth, constant_light = render(options)
+                ring = open_scene(options.scene, parse_definitions(options.define))
+                signal, truth = render(ring, options.spp, options.seed)
+                constant_light = ring.constant_light
         with stages.stage("events") as advance:
-            recording = record(signal, constant_light, options, advance)
+            schedule = ring_schedule(len(signal), options.order, options.slot_us, options.crossfade)
+            recording = record(
+                signal,
+                constant_light,
+                options.pixel.idealised() if options.ideal else options.pixel,
+                schedule,
+                options.rounds,
+                options.seed,
+                options.thresholds,
+                options.led_rise_us,
+                advance,
+            )
             if len(recording.events) < 2:
                 raise InputError(
                     f"{options.scene or options.frames}: no event comes of it; "
@@ -96,9 +108,7 @@ def command(options: Options) -> None:
                 )
         with stages.stage("write"), atomic_folder(options.out) as folder:
             write_recording(folder / "events.h5", recording)
-            np.savez(
-                folder / "truth.npz", normal=truth.normal, reflectance=truth.reflectance, mask=truth.mask
-            )
+            write_truth(folder / "truth.npz", truth)
             if options.frames:
                 photographs.write_scene(folder / "scene.xml", stack, constant_light)
             size = (folder / "events.h5").stat().st_size
@@ -111,20 +121,3 @@ def command(options: Options) -> None:
         *((f"{name} [s]", f"{seconds:.2f}") for name, seconds in stages.seconds.items()),
     ]
     print_table(f"{options.out / 'events.h5'}", rows)
-
-
-def render(options: Options) -> tuple[np.ndarray, Truth, float]:
-    """Render the LED images A_xj (n_led, H, W), the truth, and C_w."""
-    from evsdr import jit
-
-    jit.start()
-    from evsdr.light import scene as scenes
-    from evsdr.light.ground_truth import surface_maps
-    from evsdr.light.tracing import led_images
-
-    ring = scenes.load_scene(options.scene, parse_definitions(options.define))
-    sharp = ring.integrator.max_depth == 1 and all(e.get_shape() is None for e in ring.leds.emitter)
-    spp = options.spp or (SPP if sharp else SOFT_SPP)
-    maps = surface_maps(ring, spp, options.seed)
-    signal = led_images(ring, spp, options.seed)
-    return signal, Truth(maps.normal, maps.reflectance, maps.mask), ring.constant_light

@@ -4,7 +4,7 @@ How a pixel turns light into events is in `event_kernel`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -65,8 +65,23 @@ class EventPixel:
     @classmethod
     def ideal(cls, threshold: float = 0.25, refractory_us: float = 52.0) -> "EventPixel":
         """Give a pixel without spread, noise, lag and leak."""
-        off = {field.name: 0.0 for field in fields(cls)[2:]}
-        return cls(threshold, threshold, **(off | {"refractory_us": refractory_us}))
+        return cls(threshold, threshold, event_noise=0.0, refractory_us=refractory_us).idealised()
+
+    def idealised(self) -> "EventPixel":
+        """Leave out spread, lag, shot noise, leak and hot pixels.
+
+        Thresholds, event noise and refractory period stay.
+        """
+        return replace(
+            self,
+            spread_on=0.0,
+            spread_off=0.0,
+            cutoff_hz=0.0,
+            photon_rate_per_us=0.0,
+            leak_hz=0.0,
+            hot_fraction=0.0,
+            hot_hz=0.0,
+        )
 
     def __post_init__(self):
         for field in fields(self):

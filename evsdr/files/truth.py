@@ -1,4 +1,4 @@
-"""Read truth.npz: what maps are compared with."""
+"""truth.npz: what maps are compared with."""
 
 from pathlib import Path
 
@@ -6,6 +6,11 @@ import numpy as np
 
 from evsdr.errors import InputError
 from evsdr.records import Truth
+
+
+def write_truth(path: str | Path, truth: Truth) -> None:
+    """Write truth.npz with `normal`, `reflectance` and `mask`."""
+    np.savez(path, normal=truth.normal, reflectance=truth.reflectance, mask=truth.mask)
 
 
 def read_truth(path: str | Path, height: int, width: int, n_band: int) -> Truth:

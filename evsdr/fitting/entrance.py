@@ -4,7 +4,6 @@ Mitsuba must know its libLLVM before it is imported, so whatever imports it is i
 """
 
 import importlib
-import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ from evsdr.errors import InputWarning
 from evsdr.files.atomic import check_folder
 from evsdr.files.events_h5 import read_recording
 from evsdr.fitting.settings import Settings, check_settings
+from evsdr.light.entry import open_scene
 from evsdr.progress import Seconds
 from evsdr.records import Maps, Recording
 
@@ -67,9 +67,7 @@ def start(device: str | None = None) -> None:
     InputError
         There is no such device or library, or Mitsuba already runs on the other.
     """
-    mitsuba = sys.modules.get("mitsuba")
-    running = mitsuba.variant() if mitsuba and device is None else None
-    jit.start(running or VARIANTS[device or "cpu"])
+    jit.start(VARIANTS[device] if device else None)
     importlib.import_module("evsdr.fitting.story")
 
 
@@ -92,10 +90,7 @@ def load_scene(scene: str | Path | dict, /, **define):
     InputError
         The scene is missing or wrong.
     """
-    start()
-    from evsdr.light import scene as scenes
-
-    return scenes.load_scene(scene, {name: str(value) for name, value in define.items()})
+    return open_scene(scene, {name: str(value) for name, value in define.items()})
 
 
 def fit(

@@ -85,11 +85,7 @@ def event_pair_bound(
         No pixel fires two events.
     """
     height, width = mask.shape
-    ideal = replace(
-        EventPixel.ideal(refractory_us=pixel.refractory_us),
-        contrast_threshold_on=pixel.contrast_threshold_on,
-        contrast_threshold_off=pixel.contrast_threshold_off,
-    )
+    ideal = replace(pixel.idealised(), event_noise=0.0)
     constant_light = float(light.constant_light[0])
     events, *_, starts = simulate_events(np.where(mask, signal, 0), constant_light, schedule, n_round, ideal)
     sensor = Sensor(

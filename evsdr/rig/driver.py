@@ -1,10 +1,14 @@
-"""The ring of 24 LEDs at a serial port: open, configure, run, stop, and know what was lit when."""
+"""The ring of 24 LEDs at a serial port: open, configure, run, stop, and know what was lit when.
+
+with Ring(find_port()) as ring:
+    log = ring.run(RingSettings(slot_us=10_000, rounds=6))
+"""
 
 import contextlib
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime, timezone
 
 import numpy as np
@@ -12,6 +16,7 @@ import serial
 from serial.tools import list_ports
 
 from evsdr.errors import InputError
+from evsdr.rig.log import RunLog
 from evsdr.rig.protocol import BAUD, BOOT_S, PROTOCOL, Link, RingLost, RingRefused
 
 N_LED = 24
@@ -100,45 +105,6 @@ class RingSettings:
         starts = np.flatnonzero(np.diff(slots, prepend=-2))
         count = np.diff(starts, append=len(slots)) + (starts > 0) * (self.crossfade > 0)
         return float(self.slot_us * np.max(count[slots[starts] >= 0], initial=0))
-
-
-@dataclass
-class RunLog:
-    """What a run did, as it goes into ring.json.
-
-    Attributes
-    ----------
-    settings : dict
-        Order, slot, crossfade and trim as the ring can do them, rounds as asked for.
-    started_utc : str
-        ISO 8601.
-    rounds_done : int
-        Complete rounds.
-    lines : list of (float, str)
-        Seconds since the start, and what happened.
-    ended : str
-        "done", "stopped", "watchdog", "reset" or "lost"; empty while it runs.
-    """
-
-    firmware: str
-    settings: dict
-    started_utc: str
-    rounds_done: int = 0
-    lines: list[tuple[float, str]] = field(default_factory=list)
-    ended: str = ""
-
-    def as_json(self) -> dict:
-        """Give the content of ring.json."""
-        return {
-            "format": "evsdr ring log",
-            "version": 1,
-            "firmware": self.firmware,
-            **self.settings,
-            "rounds_done": self.rounds_done,
-            "started_utc": self.started_utc,
-            "log": [[round(seconds, 4), text] for seconds, text in self.lines],
-            "ended": self.ended,
-        }
 
 
 def find_port() -> str:

@@ -1,60 +1,48 @@
 """Join a camera's recording and the ring's log, with what is known of the sensor."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from evsdr.errors import InputError
-from evsdr.files.events_h5 import SENSOR_DEFAULTS
+from evsdr.files.atomic import atomic_path
+from evsdr.files.events_h5 import SENSOR_DEFAULTS, write_recording
 from evsdr.records import Recording, Schedule, Sensor
 from evsdr.rig.camera_file import CameraRecording, between
 from evsdr.rig.log import RingLog
 from evsdr.rig.rounds import Edge, Rounds, find_rounds
 
 
-@dataclass(frozen=True, kw_only=True)
-class JoinOptions:
-    """How a recording and the ring's log are joined."""
-
-    trigger_edge: Edge = "rising"
-    """Edge of a trigger pulse that marks the start of a round; falling for an active-low trigger."""
-    trigger_id: int | None = None
-    """Trigger input that marks the rounds; by default the one that fits."""
-    start_us: float | None = None
-    """Start of the first round on the camera's clock [us], for a recording without triggers."""
-    crop: tuple[int, int, int, int] | None = None
-    """Left, top, width and height of the region to keep; as large as the film of the scene file."""
-    sensor_size: tuple[int, int] | None = None
-    """Width and height of the sensor, where the file does not tell."""
-    thresholds: Path | None = None
-    """Calibration file (.npz or .h5) with contrast_threshold_on and contrast_threshold_off, numbers or
-    (height, width) arrays, and perhaps refractory_us. The options below win over it."""
-    threshold_on: float | None = None
-    """Contrast threshold of ON events (natural log)."""
-    threshold_off: float | None = None
-    """Contrast threshold of OFF events (natural log)."""
-    refractory_us: float | None = None
-    """Refractory period [us]."""
-
-
 def join(
-    camera: CameraRecording, log: RingLog, known: dict, options: JoinOptions
+    camera: CameraRecording,
+    log: RingLog,
+    known: dict[str, float | np.ndarray],
+    trigger_edge: Edge = "rising",
+    trigger_id: int | None = None,
+    start_us: float | None = None,
 ) -> tuple[Recording, Rounds | None]:
     """Join events and log.
 
     Parameters
     ----------
+    camera : CameraRecording
+    log : RingLog
     known : dict
         What is known of the sensor, see `read_sensor`.
+    trigger_edge : str
+        Edge of a trigger pulse that marks the start of a round, `rising` or `falling`.
+    trigger_id : int, optional
+        Trigger input that marks the rounds; by default the one that fits.
+    start_us : float, optional
+        Start of the first round on the camera's clock [us], instead of triggers.
 
     Returns
     -------
     recording : Recording
         Events of the complete rounds; unknown values of the sensor are the documented defaults.
     rounds : Rounds or None
-        None where --start-us counts the rounds.
+        None where `start_us` counts the rounds.
 
     Raises
     ------
@@ -62,16 +50,16 @@ def join(
         They don't belong together; the sentence doesn't name the file.
     """
     slot_us, rounds = log.slot_us, None
-    if options.start_us is not None and not np.isfinite(options.start_us):
+    if start_us is not None and not np.isfinite(start_us):
         raise InputError(
             "--start-us is not a finite number; give the camera's time at the start of the first round."
         )
-    if options.start_us is None:
-        rounds = find_rounds(camera.edges, log, options.trigger_edge, options.trigger_id)
+    if start_us is None:
+        rounds = find_rounds(camera.edges, log, trigger_edge, trigger_id)
         begin, end = rounds.start_us[[0, -1]]
         slot_us *= rounds.clock_ratio
     else:
-        begin, end = options.start_us, options.start_us + log.n_round * log.round_us
+        begin, end = start_us, start_us + log.n_round * log.round_us
     events = between(camera.events, begin, end)
     if len(events) < 2 or events.p.min() == events.p.max():
         raise InputError(
@@ -84,13 +72,26 @@ def join(
     return Recording(events, sensor, schedule, rounds.start_us if rounds else np.empty(0, np.int64)), rounds
 
 
-def read_sensor(options: JoinOptions, size: tuple[int, int]) -> dict[str, float | np.ndarray]:
+def read_sensor(
+    size: tuple[int, int],
+    crop: tuple[int, int, int, int] | None = None,
+    thresholds: Path | None = None,
+    threshold_on: float | None = None,
+    threshold_off: float | None = None,
+    refractory_us: float | None = None,
+) -> dict[str, float | np.ndarray]:
     """Collect what is known of the sensor.
 
     Parameters
     ----------
     size : (height, width)
         Of the whole sensor; arrays of this shape are cropped like the events.
+    crop : (left, top, width, height), optional
+        Region that is kept.
+    thresholds : Path, optional
+        Calibration file (.npz or .h5) with fields of `Sensor`.
+    threshold_on, threshold_off, refractory_us : float, optional
+        Win over that file.
 
     Returns
     -------
@@ -102,11 +103,11 @@ def read_sensor(options: JoinOptions, size: tuple[int, int]) -> dict[str, float 
     InputError
         A value can't be used.
     """
-    known = _read_thresholds(options.thresholds, size, options.crop) if options.thresholds else {}
+    known = _read_thresholds(thresholds, size, crop) if thresholds else {}
     given = {
-        "contrast_threshold_on": ("--threshold-on", options.threshold_on),
-        "contrast_threshold_off": ("--threshold-off", options.threshold_off),
-        "refractory_us": ("--refractory-us", options.refractory_us),
+        "contrast_threshold_on": ("--threshold-on", threshold_on),
+        "contrast_threshold_off": ("--threshold-off", threshold_off),
+        "refractory_us": ("--refractory-us", refractory_us),
     }
     for name, (option, value) in given.items():
         if value is None:
@@ -151,3 +152,12 @@ def _read_thresholds(path: Path, size: tuple[int, int], region: tuple[int, ...] 
             value = value[top : top + height, left : left + width]
         known[name] = value.astype(np.float32) if value.ndim else float(value)
     return known
+
+
+def write_joined(path: Path, recording: Recording, known: dict[str, float | np.ndarray]) -> None:
+    """Write events.h5 without the sensor values that are not known, so that its reader warns of them."""
+    with atomic_path(path) as temporary:
+        write_recording(temporary, recording)
+        with h5py.File(temporary, "r+") as file:
+            for name in SENSOR_DEFAULTS.keys() - known:
+                del file["sensor"].attrs[name]

@@ -1,21 +1,61 @@
-"""Read ring.json, what the ring of LEDs did during a recording."""
+"""ring.json: what the ring of LEDs did during a recording."""
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from evsdr.errors import InputError
+from evsdr.files.atomic import atomic_path
 from evsdr.files.events_h5 import LARGEST_LED
 
 FORMAT, VERSION = "evsdr ring log", 1
 
 
+@dataclass
+class RunLog:
+    """What a run did, as it goes into ring.json.
+
+    Attributes
+    ----------
+    settings : dict
+        Order, slot, crossfade and trim as the ring can do them, rounds as asked for.
+    started_utc : str
+        ISO 8601.
+    rounds_done : int
+        Complete rounds.
+    lines : list of (float, str)
+        Seconds since the start, and what happened.
+    ended : str
+        "done", "stopped", "watchdog", "reset" or "lost"; empty while it runs.
+    """
+
+    firmware: str
+    settings: dict
+    started_utc: str
+    rounds_done: int = 0
+    lines: list[tuple[float, str]] = field(default_factory=list)
+    ended: str = ""
+
+    def as_json(self) -> dict:
+        """Give the content of ring.json."""
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "firmware": self.firmware,
+            **self.settings,
+            "rounds_done": self.rounds_done,
+            "started_utc": self.started_utc,
+            "log": [[round(seconds, 4), text] for seconds, text in self.lines],
+            "ended": self.ended,
+        }
+
+
 @dataclass(frozen=True)
 class RingLog:
-    """A run of the ring.
+    """A run of the ring, as read from ring.json.
 
     Attributes
     ----------
@@ -41,6 +81,13 @@ class RingLog:
     def round_us(self) -> float:
         """Length of a round on the ring's clock [us]."""
         return len(self.order) * self.slot_us
+
+
+def write_ring_log(path: Path, log: RunLog) -> None:
+    """Write ring.json, a line per field."""
+    lines = [f"{json.dumps(name)}: {json.dumps(value)}" for name, value in log.as_json().items()]
+    with atomic_path(path) as temporary:
+        temporary.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 
 
 def read_ring_log(path: str | Path) -> RingLog:

@@ -5,9 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from evsdr.commands import fit, ring, simulate
+from evsdr.commands import fit, ring
 from evsdr.events.pixel import EventPixel, simulate_events
 from evsdr.files.events_h5 import write_recording
+from evsdr.files.truth import write_truth
+from evsdr.fitting.simulation import render
+from evsdr.light.entry import open_scene
 from evsdr.records import Events, Recording, Schedule, Sensor
 from evsdr.rig.log import RingLog, read_ring_log
 from experiments.bench.light import FULL, Trace, read_trace
@@ -79,8 +82,10 @@ def close_loop(folder: Path, scene: Path, size: int, slot_us: int, rounds: int, 
     The means are over `n_seed` draws of the pixels' noise.
     """
     define = (f"size={size}",)
-    signal, truth, constant_light = simulate.render(simulate.Options(scene, out=folder, define=define))
-    np.savez(folder / "truth.npz", normal=truth.normal, reflectance=truth.reflectance, mask=truth.mask)
+    scene_of_size = open_scene(scene, {"size": str(size)})
+    signal, truth = render(scene_of_size)
+    constant_light = scene_of_size.constant_light
+    write_truth(folder / "truth.npz", truth)
     trace, log = drive(folder, slot_us, rounds)
 
     def angle(recording: Recording) -> float:

@@ -9,11 +9,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from evsdr.commands.simulate import Options
 from evsdr.effects.gloss_fit import Evidence, Gloss, fit_gloss, gloss_evidence, sort_materials
 from evsdr.events.pairs import pair_events
 from evsdr.events.pixel import EventPixel
-from evsdr.events.record import record
+from evsdr.events.record import record, ring_schedule
 from evsdr.fitting.maps import assemble_maps
 from evsdr.light import ground_truth, scene, tracing
 from evsdr.metrics import score
@@ -90,8 +89,8 @@ def simulate(name: str, size: int, seed: int = 0) -> Sphere:
         for j, (direction, irradiance) in enumerate(zip(light.direction, light.irradiance)):
             value = (irradiance * lobe(normal, direction, mi.Vector3f(0, 0, 1))[0]).numpy()
             signal[j] += coverage * value.reshape(coverage.shape)
-    options = Options(out=Path(), ideal=True, seed=seed, pixel=EventPixel(event_noise=0.1))
-    recording = record(signal, ring.constant_light, options)
+    pixel = EventPixel(event_noise=0.1).idealised()
+    recording = record(signal, ring.constant_light, pixel, ring_schedule(len(signal)), 6, seed)
     mask = coverage >= 0.5
     problem = make_problem(recording, pair_events(recording, mask), light, mask)
     return Sphere(ring, problem, Truth(truth.normal, truth.reflectance, truth.mask), lobe)

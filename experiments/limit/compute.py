@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from evsdr.commands import simulate
 from evsdr.errors import InputError
-from evsdr.events import record as recording_of
 from evsdr.events.pairs import pair_events
 from evsdr.events.pixel import EventPixel
-from evsdr.events.record import IDEAL
+from evsdr.events.record import record as recording_of
+from evsdr.events.record import ring_schedule
 from evsdr.fitting import decoder
 from evsdr.fitting.maps import assemble_maps
 from evsdr.fitting.settings import PRIORS, Settings
@@ -55,7 +54,7 @@ class Setting:
 
     def pixel(self) -> EventPixel:
         """Give the event pixel: ideal but for event noise and refractory period."""
-        return EventPixel(self.threshold_on, self.threshold_off, event_noise=self.noise, **IDEAL)
+        return EventPixel(self.threshold_on, self.threshold_off, event_noise=self.noise).idealised()
 
 
 BASE = Setting()
@@ -121,8 +120,10 @@ def led_signal(rendered: Rendered) -> float:
 
 def record(rendered: Rendered, setting: Setting, seed: int = 0) -> Recording:
     """Simulate a recording, as `evsdr.simulate --ideal` does; it tells the thresholds."""
-    options = simulate.Options(out=Path(), rounds=setting.rounds, pixel=setting.pixel(), seed=seed)
-    return recording_of.record(rendered.signal, setting.constant_light, options)
+    schedule = ring_schedule(rendered.ring.leds.n_led)
+    return recording_of(
+        rendered.signal, setting.constant_light, setting.pixel(), schedule, setting.rounds, seed
+    )
 
 
 def recover(rendered: Rendered, setting: Setting, recording: Recording, preset: str, priors: bool) -> Maps:

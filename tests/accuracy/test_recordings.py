@@ -9,6 +9,8 @@ from evsdr.commands import simulate
 from evsdr.events.pixel import EventPixel, simulate_events
 from evsdr.files.events_h5 import write_recording
 from evsdr.fitting import decoder
+from evsdr.fitting.simulation import render
+from evsdr.light.entry import open_scene
 from evsdr.records import Recording, Schedule, Sensor
 from tests.support.command_line import N_LED, replace
 from tests.support.small_scene import HEIGHT, WIDTH, camera, leds, scene
@@ -35,11 +37,11 @@ def test_near_light(commands):
 
 def test_dark_slots(commands):
     """A ring that pauses twice in each round."""
-    options = simulate.Options(scene=commands.folder / "scene.xml", out=commands.folder)
-    signal, _, constant_light = simulate.render(options)
+    ring = open_scene(commands.folder / "scene.xml")
+    signal, _ = render(ring)
     schedule = Schedule(np.array([0, 1, 2, 3, -1, 4, 5, 6, 7, -1], np.int32), 10_000.0, 1.0)
     pixel = EventPixel.ideal()
-    events, on, off, start = simulate_events(signal, constant_light, schedule, 4, pixel)
+    events, on, off, start = simulate_events(signal, ring.constant_light, schedule, 4, pixel)
     sensor = Sensor(WIDTH, HEIGHT, on, off, pixel.refractory_us)
     write_recording(commands.folder / "events.h5", Recording(events, sensor, schedule, start))
     _, summary = commands.results("--truth", commands.folder / "truth.npz")
@@ -161,8 +163,7 @@ def test_spoilt_inverse_is_not_known(commands, monkeypatch):
 def test_photographs(commands):
     """A stack of photographs, simulated and solved with the scene.xml that comes with it."""
     (commands.folder / "scene.xml").write_text(scene(light=leds(N_LED, ("red",))))
-    options = simulate.Options(scene=commands.folder / "scene.xml", out=commands.folder)
-    frames, truth, _ = simulate.render(options)
+    frames, truth = render(open_scene(commands.folder / "scene.xml"))
     angle = 2 * np.pi * np.arange(N_LED) / N_LED
     direction = np.column_stack([np.cos(angle), np.sin(angle), np.ones(N_LED)])
     known = dict(normal=truth.normal, reflectance=truth.reflectance, mask=truth.mask)

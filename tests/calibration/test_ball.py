@@ -21,7 +21,6 @@ from evsdr.calibration.scene_text import find_leds, flatten
 from evsdr.commands import calibrate
 from evsdr.errors import InputError
 from evsdr.events.pixel import EventPixel, simulate_events
-from evsdr.events.record import IDEAL
 from evsdr.files.events_h5 import write_recording
 from evsdr.light.camera import view_of
 from evsdr.light.scene import load_scene
@@ -34,7 +33,7 @@ from tests.support.small_scene import HEIGHT, WIDTH, leds, scene
 
 SIZE, EXTENT, LIGHT = 32, 1.15, 0.05
 OUTLINE = np.array([SIZE / 2, SIZE / 2, SIZE / 2 / EXTENT])
-PIXEL_NOISE = dict(IDEAL, event_noise=0.02)
+PIXEL = EventPixel().idealised()
 
 
 @pytest.fixture(autouse=True)
@@ -80,7 +79,7 @@ def test_directions_within_a_third_of_a_degree(rng):
         lambert_signals(normal, np.full((*mask.shape, 1), 0.6), truth) * mask * power[:, None, None], 4
     )
     schedule = Schedule(np.arange(24, dtype=np.int32), 20_000.0, 1.0)
-    events, on, off, starts = simulate_events(signal, LIGHT, schedule, 2, EventPixel(**PIXEL_NOISE))
+    events, on, off, starts = simulate_events(signal, LIGHT, schedule, 2, PIXEL)
     recording = Recording(events, Sensor(SIZE, SIZE, on, off, 52.0), schedule, starts)
     found = solve(camera(), recording)
     error = angular_error_deg(found.direction, truth)
@@ -150,7 +149,7 @@ def test_highlights_of_a_mirror_ball(rng, perspective):
     signal = average(signal.reshape(24, size * fine, size * fine), fine)
     order = [k for j in range(24) for k in (j, -1)]  # each LED from darkness
     schedule = Schedule(np.array(order, np.int32), 5000.0, 1.0)
-    events, on, off, starts = simulate_events(20 * signal, LIGHT, schedule, 1, EventPixel(**PIXEL_NOISE))
+    events, on, off, starts = simulate_events(20 * signal, LIGHT, schedule, 1, PIXEL)
     recording = Recording(events, Sensor(size, size, on, off, 52.0), schedule, starts)
     found = find_highlights(view, led_contrast(recording, 24), outline, 0.05)
     error = angular_error_deg(found.direction, truth)
@@ -224,7 +223,7 @@ def ball(tmp_path_factory):
     signal = 0.5 * np.maximum(truth @ normal.T, 0) * (square > 0)
     signal = average(signal.reshape(n, height * fine, width * fine), fine)
     schedule = Schedule(np.arange(n, dtype=np.int32), 20_000.0, 1.0)
-    events, on, off, starts = simulate_events(signal, LIGHT, schedule, 3, EventPixel(**PIXEL_NOISE))
+    events, on, off, starts = simulate_events(signal, LIGHT, schedule, 3, PIXEL)
     recording = Recording(events, Sensor(width, height, on, off, 52.0), schedule, starts)
     write_recording(folder / "events.h5", recording)
     write_recording(folder / "hard.h5", replace(recording, schedule=replace(schedule, crossfade=0.0)))
@@ -263,7 +262,7 @@ def test_mirror_command(ball, tmp_path):
     signal = 20 * on_ball * np.exp((truth @ reflect(view, pixel, outline).T - 1) / np.radians(4.0) ** 2)
     signal = average(signal.reshape(8, height * fine, width * fine), fine)
     schedule = Schedule(np.array([k for j in range(8) for k in (j, -1)], np.int32), 5000.0, 1.0)
-    events, on, off, starts = simulate_events(signal, LIGHT, schedule, 2, EventPixel(**PIXEL_NOISE))
+    events, on, off, starts = simulate_events(signal, LIGHT, schedule, 2, PIXEL)
     write_recording(
         tmp_path / "m.h5", Recording(events, Sensor(width, height, on, off, 52.0), schedule, starts)
     )
@@ -288,7 +287,7 @@ def test_near_leds(rng):
     signal = 8 * np.maximum(np.sum(to_led * normal, axis=2), 0) / distance**3 * (cosine > 0)
     signal = average(signal.reshape(n_led, 4 * size, 4 * size), 4)
     schedule = Schedule(np.arange(n_led, dtype=np.int32), 20_000.0, 1.0)
-    events, on, off, starts = simulate_events(signal, LIGHT, schedule, 6, EventPixel(**PIXEL_NOISE))
+    events, on, off, starts = simulate_events(signal, LIGHT, schedule, 6, PIXEL)
     recording = Recording(events, Sensor(size, size, on, off, 52.0), schedule, starts)
     outline = np.array([size / 2, size / 2, radius / np.sqrt(63) / width])
     chosen = ball_pixels(view, outline, (size, size), 0)

@@ -13,7 +13,6 @@ from evsdr.calibration.thresholds import flicker_schedule, log_waveform, measure
 from evsdr.commands import calibrate
 from evsdr.errors import InputError
 from evsdr.events.pixel import EventPixel, simulate_events
-from evsdr.events.record import IDEAL
 from evsdr.files.events_h5 import read_recording, write_recording
 from evsdr.light.scene import load_scene
 from evsdr.records import Recording, Schedule, Sensor
@@ -21,7 +20,8 @@ from tests.support.analytic import ring_directions
 from tests.support.small_scene import leds, scene
 
 LIGHT, WHITE, SIDE = 0.05, 0.99, 6
-NOISY = EventPixel(**dict(IDEAL, event_noise=0.02, spread_on=0.02, spread_off=0.02))
+QUIET = EventPixel().idealised()
+NOISY = replace(QUIET, spread_on=0.02, spread_off=0.02)
 WITH_DARK = tuple(k for j in range(24) for k in (j, -1))
 
 
@@ -90,7 +90,7 @@ def test_tilts_told_wrong_are_refined(rng):
 
 def test_one_tilt_without_dark_slots_is_refused():
     """One ratio too few: 24 powers and C_w, all tilts alike."""
-    fine = EventPixel(0.05, 0.05, **dict(IDEAL, event_noise=0.02))
+    fine = EventPixel(0.05, 0.05).idealised()
     with pytest.raises(
         InputError, match="the tilts don't tell .* two tilts at least, 15 degrees or more apart"
     ):
@@ -99,7 +99,7 @@ def test_one_tilt_without_dark_slots_is_refused():
 
 def test_tilts_that_hardly_differ_are_refused():
     """Less apart than they are known: C_w would have a sigma of more than half of it."""
-    fine = EventPixel(0.05, 0.05, **dict(IDEAL, event_noise=0.02))
+    fine = EventPixel(0.05, 0.05).idealised()
     with pytest.raises(InputError, match="two tilts at least"):
         tilts = [tilt(30, 20), tilt(30.25, 20)]
         solve(tilts, tuple(range(24)), np.linspace(0.5, 1.5, 24), tilt_sigma_deg=5.0, pixel=fine)
@@ -108,7 +108,7 @@ def test_tilts_that_hardly_differ_are_refused():
 def test_noise_of_the_thresholds_does_not_bias_c_w(monkeypatch):
     """Ten percent: plain least squares makes C_w two to three percent too large."""
     monkeypatch.setattr("evsdr.calibration.equations.MOST_PAIRS", 30_000)
-    noisy = EventPixel(**dict(IDEAL, event_noise=0.1, spread_on=0.02, spread_off=0.02))
+    noisy = replace(NOISY, event_noise=0.1)
     found = solve(TILTS, WITH_DARK, np.ones(24), pixel=noisy)
     assert found.constant_light == pytest.approx(LIGHT, rel=0.012)
 
@@ -188,7 +188,7 @@ def record_flicker(pixel: EventPixel, rounds: int = 20) -> tuple[Recording, np.n
 
 @pytest.fixture(scope="module")
 def flicker():
-    return record_flicker(EventPixel(**dict(IDEAL, event_noise=0.02, spread_on=0.05, spread_off=0.04)))
+    return record_flicker(replace(QUIET, spread_on=0.05, spread_off=0.04))
 
 
 def test_thresholds_within_two_percent(flicker):
@@ -204,7 +204,7 @@ def test_thresholds_within_two_percent(flicker):
 
 
 def test_a_hot_pixel_has_no_threshold_of_its_own():
-    recording, on, _ = record_flicker(EventPixel(**dict(IDEAL, hot_fraction=0.1, hot_hz=300.0)), 5)
+    recording, on, _ = record_flicker(replace(QUIET, event_noise=0.0, hot_fraction=0.1, hot_hz=300.0), 5)
     schedule = flicker_schedule(recording, None, None)
     found, _ = measure_thresholds(recording, log_waveform("sine-log", 2.0), schedule)
     count = np.zeros(on.shape, int)

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from evsdr.commands.capture import Options, capture
+from evsdr.commands.capture import Options, record_and_join
 from evsdr.errors import InputError, InputWarning
 from evsdr.files.events_h5 import read_recording
 from evsdr.rig import camera as cameras
@@ -100,7 +100,7 @@ class FakeCamera:
 def test_run_is_recorded_and_joined(options, data, capsys):
     steps = []
     ring = StepRing(steps)
-    capture(options, FakeCamera(steps, data), lambda: ring)
+    record_and_join(options, FakeCamera(steps, data), lambda: ring)
     assert steps == ["configure", "start", "run", "dark", "stop"]
     assert ring.settings == RingSettings((0, 3, -1, 1), 2500.0, 0.75, N_ROUND, constant_light=True)
     assert sorted(file.name for file in options.out.iterdir()) == ["events.h5", "recording.raw", "ring.json"]
@@ -113,7 +113,7 @@ def test_run_is_recorded_and_joined(options, data, capsys):
 def test_failing_ring_ends_dark(options, data, failure):
     steps = []
     with pytest.raises(type(failure)):
-        capture(options, FakeCamera(steps, data), lambda: StepRing(steps, failure))
+        record_and_join(options, FakeCamera(steps, data), lambda: StepRing(steps, failure))
     assert steps == ["configure", "start", "run", "abandon", "dark"]
     assert list(options.out.iterdir()) == []
 
@@ -123,7 +123,7 @@ def test_failing_camera_leaves_the_ring_dark_and_unlit(options, data):
     camera = FakeCamera(steps, data)
     camera.start = lambda path: (_ for _ in ()).throw(InputError("no camera."))
     with pytest.raises(InputError, match="no camera"):
-        capture(options, camera, lambda: StepRing(steps))
+        record_and_join(options, camera, lambda: StepRing(steps))
     assert steps == ["configure", "dark"]
 
 
@@ -132,20 +132,20 @@ def test_run_that_can_not_be_joined_is_kept(options, data):
     with pytest.raises(
         InputError, match=r"saw 5 rounds .* but the ring made 9.*; the run is kept, so join it by"
     ):
-        capture(options, FakeCamera(steps, data), lambda: StepRing(steps, rounds_done=9))
+        record_and_join(options, FakeCamera(steps, data), lambda: StepRing(steps, rounds_done=9))
     assert sorted(file.name for file in options.out.iterdir()) == ["recording.raw", "ring.json"]
 
 
 def test_stopped_run_warns(options, data):
     with pytest.warns(InputWarning, match=r"did not end its run \(stopped\); its 2 complete rounds are used"):
-        capture(options, FakeCamera([], data), lambda: StepRing([], rounds_done=2, ended="stopped"))
+        record_and_join(options, FakeCamera([], data), lambda: StepRing([], rounds_done=2, ended="stopped"))
     assert len(read_recording(options.out / "events.h5").round_start_us) == 3
 
 
 def test_over_a_serial_line(options, data):
     """With the true driver; the ring at the other end answers as the firmware does."""
     with FakeRing(round_s=0.01) as fake:
-        capture(options, FakeCamera([], data), lambda: Ring(fake.port))
+        record_and_join(options, FakeCamera([], data), lambda: Ring(fake.port))
         assert not fake.lit and not fake.light
         assert "ORDER AD.B" in fake.commands and "LIGHT 1" in fake.commands
     recording = read_recording(options.out / "events.h5")
@@ -180,7 +180,7 @@ def test_wrong_options(options, tmp_path):
     ):
         (tmp_path / "file").write_text("")
         with pytest.raises(InputError, match=sentence):
-            capture(Options(**{**vars(options), **wrong}), None, None)
+            record_and_join(Options(**{**vars(options), **wrong}), None, None)
 
 
 # ---- the camera by hand ----------------------------------------------------------------------------------

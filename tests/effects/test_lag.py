@@ -1,17 +1,15 @@
 """Events that come late in dim light: found, moved back, and left alone where there are none."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.commands.simulate import Options
 from evsdr.effects.lag import find_lag, photoreceptors
 from evsdr.events.pairs import pair_events
 from evsdr.events.pixel import EventPixel
-from evsdr.events.record import record
+from evsdr.events.record import record, ring_schedule
 from evsdr.metrics import angular_error_deg
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
@@ -35,7 +33,7 @@ def sphere(cutoff_hz, photon_rate_per_us=0.0, size=32):
     pixel = EventPixel(
         0.2, 0.2, event_noise=0.05, cutoff_hz=cutoff_hz, photon_rate_per_us=photon_rate_per_us, **still
     )
-    recording = record(np.where(mask, signal, 0), C_W, Options(out=Path(), pixel=pixel))
+    recording = record(np.where(mask, signal, 0), C_W, pixel, ring_schedule(len(signal)), 6)
     vectors = [mi.Vector3f(*d) for d in direction.tolist()]
     light = Illumination(vectors, [mi.Float(1.0)] * 24, [j % 8 for j in range(24)], mi.Float(C_W))
     return recording, light, mask, normal[mask]

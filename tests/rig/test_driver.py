@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from evsdr.commands import ring
-from evsdr.commands.ring import Ring, RingSettings
 from evsdr.errors import InputError
 from evsdr.rig import driver, protocol
+from evsdr.rig.driver import Ring, RingSettings
 from evsdr.rig.log import parse_ring_log
 from evsdr.rig.protocol import frame, unframe
 from tests.conftest import REPOSITORY

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from evsdr.commands.ring import Ring, RingSettings
+from evsdr.rig.driver import Ring, RingSettings
 from evsdr.rig.protocol import frame
 from experiments.bench import simulator
 from experiments.bench.__main__ import run_settings
@@ -209,7 +209,7 @@ def test_host_learns_how_a_run_broke_off(what, ended, tmp_path):
 
 def test_host_that_dies_leaves_the_ring_dark(tmp_path):
     code = (
-        "import os, sys\nfrom evsdr.ring import Ring, RingSettings\n"
+        "import os, sys\nfrom evsdr.rig.driver import Ring, RingSettings\n"
         "ring = Ring(sys.argv[1]).__enter__()\nring.configure(RingSettings(slot_us=1000, rounds=0))\n"
         "ring.start()\nring.wait(0.1)\nos._exit(9)\n"
     )

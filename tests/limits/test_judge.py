@@ -1,0 +1,54 @@
+"""A ring is judged for the object of a scene, from Python."""
+
+import json
+
+import numpy as np
+import pytest
+
+import evsdr
+from evsdr.events.record import ring_schedule
+from evsdr.limits.judge import find_bound, judge, render
+from tests.support.small_scene import DIFFUSE, HEIGHT, SPHERE, WIDTH, scene
+
+PIXEL = evsdr.EventPixel(event_noise=0.1).idealised()
+
+
+@pytest.fixture(scope="module")
+def ring(tmp_path_factory):
+    path = tmp_path_factory.mktemp("judged") / "scene.xml"
+    path.write_text(scene())
+    return evsdr.load_scene(path)
+
+
+def test_bound_and_judgement_are_of_the_same_object(ring):
+    rendering, schedule = render(ring, 4, 0), ring_schedule(8)
+    bound = find_bound(ring, rendering, schedule, 2, PIXEL)
+    found = judge(ring, rendering, bound, schedule)
+    mask = rendering.truth.mask
+    assert bound.normal_sigma_deg.shape == mask.shape == (HEIGHT, WIDTH)
+    assert found["bound"]["pixels"] == mask.sum()
+    known = bound.normal_sigma_deg[mask] < 180
+    assert found["bound"]["share_normal_known"] == known.mean()
+    assert found["bound"]["normal_deg_median"] == np.median(bound.normal_sigma_deg[mask][known])
+    lit = rendering.signal[:, mask]
+    assert found["median_led_signal"] == np.median(lit[lit > 0])
+    assert [led["id"] for led in found["leds"]] == [f"led_{j:03d}" for j in range(8)]
+    json.dumps(found, allow_nan=False)
+
+
+def test_gloss_decides_which_leds_are_safe(ring):
+    rendering, schedule = render(ring, 1, 0), ring_schedule(8)
+    bound = find_bound(ring, rendering, schedule, 1, PIXEL)
+    sharp, wide = (judge(ring, rendering, bound, schedule, shininess) for shininess in (32.0, 2.0))
+    assert all(led["inside_safe_range"] for led in sharp["leds"])  # at 45 degrees
+    assert wide["safe_polar_deg"] is None and not any(led["inside_safe_range"] for led in wide["leds"])
+
+
+def test_what_can_not_be_judged(ring, tmp_path):
+    far = SPHERE.replace(DIFFUSE, f'<point name="center" x="20" y="0" z="0"/>{DIFFUSE}')
+    (tmp_path / "scene.xml").write_text(scene(shape=far))
+    with pytest.raises(evsdr.InputError, match="scene.xml: the camera does not see the shape object"):
+        render(evsdr.load_scene(tmp_path / "scene.xml"), 1, 0)
+    numb = evsdr.EventPixel(50.0, 50.0).idealised()
+    with pytest.raises(evsdr.InputError, match="no pixel of the object fires two events"):
+        find_bound(ring, render(ring, 1, 0), ring_schedule(8), 2, numb)
