@@ -10,7 +10,7 @@ from evsdr.records import Maps
 from evsdr.shape.depth import Depth, integrate_normals, write_depth
 from evsdr.shape.mesh import SurfaceMesh, make_mesh, write_mesh
 
-MARGIN = 2  # pixels around the image: one that the mesh reaches, one more for cubic interpolation
+MARGIN = 3  # pixels around the image: one that the mesh reaches, two more for cubic interpolation
 PLACE = (
     0.01,
     0.02,

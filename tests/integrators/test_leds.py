@@ -1,0 +1,46 @@
+"""The LEDs of a scene: which there are, in what order, and what the camera sees of their spectra."""
+
+import numpy as np
+import pytest
+from evsdr.integrators.leds import emitter_id
+
+from tests.support.ring_scenes import POWER, far, load, near, peak, plane, render, ring, soft
+
+
+def test_leds_are_ordered_by_natural_id_and_others_left_out():
+    power = {"led_10": 5.0, "led_2": 3.0, "sun": 100.0, "led_01": 2.0, "led_33": 7.0}
+    emitters = {name: far((0, 0, 1), p) for name, p in power.items()}
+    scene = load({"led_9": soft((0, 0, 5), 0.1), "object": plane(), "led_0": soft((0, 1, 5), 0.1)} | emitters)
+    integrator = ring()
+    order = ["led_0", "led_01", "led_2", "led_9", "led_10", "led_33"]
+    assert [emitter_id(e) for e in integrator.leds(scene).emitter] == order
+    signal = np.array(integrator.render(scene, spp=1))[0, 0] / POWER
+    np.testing.assert_allclose(signal[[1, 2, 4, 5]], [2, 3, 5, 7], rtol=1e-5)
+    assert (signal[[0, 3]] < 0.01).all()
+
+
+def test_bands():
+    spectra = [peak(525), peak(525, 3.0), peak(460, 2.0), peak(527, 4.0), peak(460, 0.1)]
+    scene = load({"object": plane()} | {f"led_{j}": far((0, 0, 1), s) for j, s in enumerate(spectra)})
+    leds = ring().leds(scene)
+    assert leds.band.tolist() == [0, 0, 1, 2, 1]
+    np.testing.assert_allclose(leds.power, [1, 3, 2, 4, 0.1], rtol=1e-4)
+    np.testing.assert_allclose(leds.band_wavelength_nm, [525, 460, 527], atol=0.01)
+
+
+def test_power_of_near_and_soft_leds():
+    leds = {"led_0": near((9, 0, 5), peak(500, 2.0)), "led_1": soft((1, 0, 5), 0.1, peak(600, 4.0))}
+    found = ring(response=[(400, 0.5), (700, 0.5)]).leds(load({"object": plane()} | leds))
+    np.testing.assert_allclose(found.power, [1, 2], rtol=1e-4)
+    assert [found.is_far(0), found.is_far(1)] == [False, False]
+
+
+def test_scene_without_leds():
+    with pytest.raises(ValueError, match="no emitter has an id that starts with 'led'"):
+        render(load({"object": plane(), "sun": far((0, 0, 1))}))
+
+
+def test_led_that_the_camera_cannot_see():
+    scene = load({"object": plane(), "led_0": far((0, 0, 1)), "led_1": far((0, 0, 1), peak(750))})
+    with pytest.raises(ValueError, match="'led_1' gives the camera no light"):
+        render(scene, response=[(400, 1.0), (650, 1.0)])

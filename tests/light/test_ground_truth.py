@@ -1,0 +1,63 @@
+"""Normals, depth and reflectance of a sphere as formulas tell them."""
+
+import numpy as np
+import pytest
+
+from evsdr.light.ground_truth import object_depth, object_normals, surface_maps
+from evsdr.light.scene import load_scene
+from tests.support.small_scene import HEIGHT, WIDTH, camera, scene
+
+
+def load(path, text):
+    (path / "scene.xml").write_text(text)
+    return load_scene(path / "scene.xml")
+
+
+@pytest.fixture(scope="module")
+def ring(tmp_path_factory):
+    return load(tmp_path_factory.mktemp("sphere"), scene())
+
+
+def centres():
+    """x and y (H, W) of the pixels' centres on the film, 2.8 wide."""
+    x = ((np.arange(WIDTH) + 0.5) / WIDTH * 2 - 1) * 1.4
+    y = -((np.arange(HEIGHT) + 0.5) / HEIGHT * 2 - 1) * 1.4 * HEIGHT / WIDTH
+    return np.meshgrid(x, y)
+
+
+def test_normals_and_depth_at_the_centres(ring):
+    x, y = centres()
+    seen = x**2 + y**2 < 1
+    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+    np.testing.assert_array_equal(object_depth(ring) > 0, seen)
+    np.testing.assert_allclose(object_depth(ring)[seen], (4 - z)[seen], atol=1e-4)
+    np.testing.assert_allclose(object_normals(ring)[seen], np.stack([x, y, z], axis=-1)[seen], atol=1e-4)
+    np.testing.assert_array_equal(object_normals(ring)[~seen], np.tile([0, 0, 1], ((~seen).sum(), 1)))
+
+
+def test_depth_of_a_perspective_camera_is_along_its_axis(tmp_path):
+    plane = '<shape type="rectangle" id="object"><transform name="to_world"><scale value="9"/></transform></shape>'
+    ring = load(tmp_path, scene(shape=plane, sensor=camera(kind="perspective")))
+    np.testing.assert_allclose(object_depth(ring), 4, atol=1e-4)
+
+
+def test_maps_are_means_over_whole_pixels(ring):
+    maps = surface_maps(ring, 64)
+    x, y = centres()
+    radius, half = np.hypot(x, y), 1.4 / WIDTH
+    assert (maps.mask[radius < 1 - 2 * half]).all() and not maps.mask[radius > 1 - 0.5 * half].any()
+    np.testing.assert_allclose(np.linalg.norm(maps.normal, axis=-1), 1, atol=1e-5)
+    inner = radius < 0.6
+    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+    np.testing.assert_allclose(maps.normal[inner], np.stack([x, y, z], axis=-1)[inner], atol=0.02)
+
+
+def test_reflectance_is_the_mean_over_each_leds_spectrum(ring):
+    """Linear from 0.3 at 430 nm to 0.7 at 640 nm, under triangles about 450 and 620 nm."""
+    maps = surface_maps(ring, 1)
+    np.testing.assert_allclose(maps.band_wavelength_nm, [450, 620], atol=0.5)
+    expected = [0.3 + 0.4 * (nm - 430) / 210 for nm in (450, 620)]
+    np.testing.assert_allclose(
+        maps.reflectance[maps.mask], np.tile(expected, (maps.mask.sum(), 1)), atol=2e-3
+    )
+    assert (maps.reflectance[object_depth(ring) == 0] == 0).all()
