@@ -31,7 +31,6 @@ OPEN = {
     "solve/neighbours/spectra.py",
     "solve/neighbours/stencils.py",
     "solve/neighbours/system.py",
-    "solve/pair_data.py",
     "solve/problem.py",
     "solve/trial.py",
     "solve/unknowns.py",

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from evsdr.errors import InputWarning
 from evsdr.events.phase import phase, weights
@@ -29,13 +31,27 @@ def test_phase_by_hand(crossfade, expected):
     assert at.dtype == np.float64 and inside.all()
 
 
-@pytest.mark.parametrize("crossfade", [0.3, 1.0])
-def test_round_trip(crossfade, rng):
-    schedule = ring(order=range(7), slot_us=123.4, crossfade=crossfade, start_us=1234.5)
-    slot, fade, lap = rng.integers(0, 7, 500), rng.random(500), rng.integers(0, 50, 500)
-    position = lap * 7 + slot + 1 - crossfade + crossfade * fade
-    at, _ = phase(1234.5 + 123.4 * position, schedule, NO_TRIGGER)
-    np.testing.assert_allclose(at, slot + fade, rtol=0, atol=1e-9)
+@given(
+    n_slot=st.integers(1, 30),
+    slot_us=st.floats(1.0, 1e6),
+    crossfade=st.floats(0.01, 1.0),
+    start_us=st.floats(-1e9, 1e9),
+    seed=st.integers(0, 2**32 - 1),
+    drift=st.sampled_from((None, 0.0, 0.015, -0.015)),
+)
+def test_round_trip(n_slot, slot_us, crossfade, start_us, seed, drift):
+    """From phases to times and back, by slot_us, or by triggers of a clock that drifts."""
+    rng = np.random.default_rng(seed)
+    schedule = ring(range(n_slot), slot_us, crossfade, start_us)
+    slot, fade, lap = rng.integers(0, n_slot, 50), rng.uniform(0.01, 0.99, 50), rng.integers(0, 9, 50)
+    position = lap * n_slot + slot + 1 - crossfade + crossfade * fade
+    slot_us, triggers = slot_us * (1 + (drift or 0)), NO_TRIGGER
+    if drift is not None:
+        triggers = start_us + slot_us * n_slot * np.arange(10)
+    at, inside = phase(start_us + slot_us * position, schedule, triggers)
+    rounding = 1e-6 + 4 * np.spacing(abs(start_us) + slot_us * 10 * n_slot) / slot_us / crossfade
+    np.testing.assert_allclose(at, slot + fade, rtol=0, atol=rounding)
+    assert inside.all()
 
 
 @pytest.mark.parametrize("crossfade", [0.0, 0.3, 1.0])

@@ -72,6 +72,16 @@ def test_another_scene_is_traced_anew():
     np.testing.assert_allclose(np.array(integrator.render(dim, spp=1))[..., 2], 0.5 * one[..., 2], rtol=1e-5)
 
 
+def test_another_seed_is_traced_anew():
+    """The shadow of the pole on the ball's pixels is sampled at other places."""
+    integrator, scene = ring(), load(BALL | POLE)
+    normal, _ = ball_normals()
+    set_textures(integrator, normal=normal + [0, 0, 0.1], reflectance=np.ones((HEIGHT, WIDTH, 2)))
+    one, other, again = (np.array(integrator.render(scene, spp=4, seed=seed)) for seed in (1, 2, 1))
+    assert (one != other).any()
+    np.testing.assert_array_equal(one, again)
+
+
 def test_normals_that_face_away_give_no_signal():
     scene = load({"object": plane(), "led_0": far((1, 0, 1)), "led_1": near((5, 0, 3))})
     integrator = ring(constant_light=0.05)

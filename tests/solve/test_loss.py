@@ -14,7 +14,7 @@ from evsdr.solve.loss import (
     relative_residual,
     silence_equations,
 )
-from evsdr.solve.pair_data import PairData, pack_phases, pack_slots, signal_table, unpack_pair
+from evsdr.solve.pair_data import PairData, pack_phases, pack_slots, signal_table
 
 N_LED, N_BAND, N_PIXEL, C_W, SCALE, ROBUST = 6, 3, 21, 0.1, 0.2, 3.0
 ORDER = np.array([0, 1, -1, 2, 5, 4, 3, 3])
@@ -159,15 +159,6 @@ def test_gradient_is_that_of_automatic_differentiation(scene):
         )
 
 
-def test_packing_keeps_phases_and_polarity():
-    start, end = np.array([0.0, 3.25, 7.5], np.float32), np.array([0.0, 0.5, 7.999], np.float32)
-    polarity = np.array([1, -1, -1])
-    pairs = PairData(None, mi.Float(pack_phases(start, end, polarity)), None, None, None)
-    got = unpack_pair(pairs.phases, dr.arange(mi.UInt32, 3), mi.Bool(True))
-    for value, expected in zip(got, (start, end, polarity)):
-        np.testing.assert_allclose(value.numpy(), expected, atol=2e-6)
-
-
 def test_threshold_derivatives_are_those_of_finite_differences(scene):
     """The cost of unknown thresholds by their logarithms, events and silence."""
     signal, by_p, by_q, offset, start, end, _, on, off, pairs = scene
@@ -193,6 +184,64 @@ def test_threshold_derivatives_are_those_of_finite_differences(scene):
             numeric = (above - below).astype(float) / 2e-3
             np.testing.assert_allclose(gradient[2 + N_BAND + i].numpy(), numeric, rtol=0.02, atol=0.05)
         assert np.abs(gradient[-1].numpy()).max() > 1
+
+
+def test_all_terms_are_those_of_a_plain_loop(scene, rng):
+    """Weights of pairs, a share of the signal that no reflectance scales, thresholds, and the slope term."""
+    signal, by_p, by_q, offset, start, end, polarity, on, off, pairs = scene
+    share = rng.uniform(0.3, 1, signal.shape).astype(np.float32)
+    weight = rng.uniform(0, 2, len(start)).astype(np.float32)
+    rows = [[mi.Float(row) for row in table] for table in (signal, by_p, by_q)]
+    table = derivative_table(*rows, BAND, N_PIXEL, [mi.Float(row) for row in share * signal])
+    given = mi.Float(C_W), mi.UInt32(N_PIXEL), N_BAND, mi.Float(SCALE), mi.Float(ROBUST), True, 0.7
+    cost, gradient, matrix = normal_equations(table, replace(pairs, weight=mi.Float(weight)), *given)
+    n = 2 + N_BAND + 2
+    band = np.eye(N_BAND)[BAND]
+
+    def changes(i, k):
+        """Change of log I over a pair, and log p_k df/dt, as functions of all unknowns."""
+
+        def light(phase, theta):
+            lit = signal[:, i] + by_p[:, i] * theta[0] + by_q[:, i] * theta[1]
+            lit = lit * (1 + share[:, i] * (band @ np.expm1(theta[2 : 2 + N_BAND])))
+            return mixture(phase) @ lit + C_W, np.append(lit, 0)
+
+        def threshold(theta):
+            return (on if polarity[k] > 0 else off)[i] * np.exp(theta[2 + N_BAND + (polarity[k] < 0)])
+
+        def u(theta):
+            change = np.log(light(float(end[k]), theta)[0] / light(float(start[k]), theta)[0])
+            return polarity[k] * change / threshold(theta) - 1
+
+        def rarity(theta):
+            total, lit = light(float(end[k]), theta)
+            slot = int(end[k])
+            speed = polarity[k] * (lit[ORDER[(slot + 1) % len(ORDER)]] - lit[ORDER[slot]]) / total
+            return -np.log(0.5 * (speed + np.hypot(speed, SMALLEST_SLOPE)) / threshold(theta))
+
+        return u, rarity
+
+    def derivative(function):
+        return np.array([(function(h) - function(-h)) / 2e-5 for h in 1e-5 * np.eye(n)])
+
+    for i in range(N_PIXEL):
+        expected = [0.0, np.zeros(n), np.zeros((n, n))]
+        for k in range(offset[i], offset[i + 1]):
+            u, rarity = changes(i, k)
+            r, jacobian = u(np.zeros(n)) / SCALE, derivative(u) / SCALE
+            robust = 1 / (1 + (r / ROBUST) ** 2)
+            expected[0] += weight[k] * 0.5 * ROBUST**2 * np.log(1 + (r / ROBUST) ** 2)
+            expected[1] += weight[k] * robust * r * jacobian
+            expected[2] += weight[k] * robust * np.outer(jacobian, jacobian)
+            if np.float32(1 + end[k]) % 1:  # else no LED fades at the event
+                expected[0] += weight[k] * 0.7 * rarity(np.zeros(n))
+                expected[1] += weight[k] * 0.7 * derivative(rarity)
+                expected[2] += weight[k] * 0.7 * np.outer(derivative(rarity), derivative(rarity))
+        np.testing.assert_allclose(cost.numpy()[i], expected[0], rtol=1e-3, atol=1e-3)
+        np.testing.assert_allclose([g.numpy()[i] for g in gradient], expected[1], rtol=5e-3, atol=1e-2)
+        triangle = expected[2][np.tril_indices(n)]
+        found = np.array([m.numpy()[i] for m in matrix])
+        np.testing.assert_allclose(found, triangle, rtol=5e-3, atol=2e-3 * np.abs(triangle).max() + 1e-6)
 
 
 @pytest.mark.parametrize("thresholds", [False, True])

@@ -1,0 +1,108 @@
+"""Pairs as arrays: packed and looked up, left out and thinned."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from evsdr.solve.pair_data import (
+    PairData,
+    ends,
+    pack_phases,
+    pack_slots,
+    signal_table,
+    thin,
+    unpack_pair,
+    without,
+)
+
+COUNT, SILENT = np.array([0, 3, 100, 7, 12]), np.array([50, 0, 12, 1, 13])
+
+
+def numbered(count):
+    """Offsets, and a list whose entries tell their own number."""
+    offset = np.append(0, np.cumsum(count))
+    k = np.arange(offset[-1])
+    return mi.UInt32(offset.astype(np.uint32)), mi.Float(
+        np.stack([k, -k], axis=-1).ravel().astype(np.float32)
+    )
+
+
+@pytest.fixture
+def pairs():
+    weight = mi.Float(np.arange(COUNT.sum(), dtype=np.float32))
+    return PairData(*numbered(COUNT), None, None, None, *numbered(SILENT), weight)
+
+
+def entries(offset, phases):
+    """Numbers of the entries that are left of each pixel."""
+    first, second = phases.numpy().reshape(-1, 2).T
+    np.testing.assert_array_equal(first, -second)
+    return np.split(first.astype(int), offset.numpy()[1:-1])
+
+
+def test_thinned_lists_are_spread_evenly(pairs):
+    """Of 100 pairs every eighth or ninth is left, from the first on; short lists stay whole."""
+    few = thin(pairs, 12)
+    for kept, count, first in (
+        (entries(few.offset, few.phases), COUNT, np.cumsum(COUNT) - COUNT),
+        (entries(few.silent_offset, few.silent_phases), SILENT, np.cumsum(SILENT) - SILENT),
+    ):
+        for k, n, start in zip(kept, count, first):
+            assert len(k) == min(n, 12)
+            assert not len(k) or k[0] == start
+            gap = np.diff(np.append(k, start + n))
+            assert not len(k) or (gap.min() >= n // len(k) and gap.max() <= -(-n // len(k)))
+    kept = np.concatenate(entries(few.offset, few.phases))
+    np.testing.assert_array_equal(few.weight.numpy(), kept)
+
+
+def test_ignored_pixels_say_nothing(pairs):
+    ignored = np.array([0, 1, 0, 1, 0], bool)
+    left = without(pairs, ignored)
+    for offset, phases, count in (
+        (left.offset, left.phases, COUNT),
+        (left.silent_offset, left.silent_phases, SILENT),
+    ):
+        expected = np.arange(count.sum())[np.repeat(~ignored, count)]
+        np.testing.assert_array_equal(np.concatenate(entries(offset, phases)), expected)
+        np.testing.assert_array_equal(np.diff(offset.numpy().astype(int)), np.where(ignored, 0, count))
+
+
+phases = st.floats(0, 255, width=32, exclude_max=True)
+
+
+@given(st.lists(st.tuples(phases, phases, st.sampled_from((-1, 1))), min_size=1, max_size=20))
+def test_packing_keeps_phases_and_polarity(told):
+    start, end, polarity = np.array(told).T
+    packed = mi.Float(pack_phases(start, end, polarity))
+    found = unpack_pair(packed, dr.arange(mi.UInt32, len(told)), mi.Bool(True))
+    np.testing.assert_array_equal(found[0].numpy(), start.astype(np.float32))
+    np.testing.assert_allclose(found[1].numpy(), end, rtol=0, atol=1e-5)
+    np.testing.assert_array_equal(found[2].numpy(), polarity)
+
+
+def test_slots_by_hand():
+    """LED of each slot and the next; -1 is LED 4, darkness; the first slot stands again at the end."""
+    leds = pack_slots(np.array([2, -1, 0, 3]), 4)
+    assert [(v & 0xFFFF, v >> 16) for v in leds.tolist()] == [(2, 4), (4, 0), (0, 3), (3, 2), (2, 4)]
+
+
+def test_light_at_both_ends_of_a_pair(rng):
+    """Two pixels, three LEDs and darkness, against the words of the schedule."""
+    signal, order = rng.random((3, 2)).astype(np.float32), np.array([1, -1, 0, 2])
+    start, end, polarity = np.array([0.25, 3.5, 2.0]), np.array([1.5, 0.75, 3.999]), np.array([1, -1, 1])
+    phases, slots = mi.Float(pack_phases(start, end, polarity)), mi.UInt32(pack_slots(order, 3))
+    pairs = PairData(mi.UInt32(0, 1, 3), phases, None, None, slots)
+    pixel = np.array([0, 1, 1])
+    given_pixel = mi.UInt32(pixel.astype(np.uint32)), mi.UInt32(2), mi.Bool(True)
+    table = signal_table([mi.Float(row) for row in signal], 2)
+    found = ends(table, pairs, dr.arange(mi.UInt32, 3), *given_pixel)
+    lit = np.vstack([signal, np.zeros(2)])[np.append(order, order[0])]
+    for value, phase in zip(found, (start, end)):
+        slot, fade = phase.astype(int), phase % 1
+        expected = (1 - fade) * lit[slot, pixel] + fade * lit[slot + 1, pixel]
+        np.testing.assert_allclose(value.numpy(), expected, atol=1e-6)
+    np.testing.assert_array_equal(found[2].numpy(), polarity)
