@@ -12,7 +12,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from evsdr.files.results import encode_normal, reflectance_to_srgb
+from evsdr.files.daylight import reflectance_to_srgb
+from evsdr.files.results import encode_normal
 from evsdr.metrics import angular_error_deg
 
 

@@ -30,6 +30,21 @@ def test_import_is_cheap(module):
     assert _run(code, REPOSITORY, {}) == ""
 
 
+DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring")
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_help_is_cheap(door):
+    heavy = {"mitsuba", "drjit", "colour", "scipy", "numba", "matplotlib", "trimesh", "OpenEXR"}
+    code = (
+        f"import sys, io, contextlib\nfrom evsdr.commands.{door} import main\n"
+        "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
+        "    main(['--help'])\n"
+        f"print(*({heavy} & set(sys.modules)))"
+    )
+    assert _run(code, REPOSITORY, {}) == ""
+
+
 def test_bare_checkout_imports_what_lies_beside_the_package(tmp_path):
     code = "import evsdr.integrators, evsdr.scenes; print(evsdr.integrators.__file__)"
     file = _run(code, tmp_path, {"PYTHONPATH": str(REPOSITORY)})
@@ -43,6 +58,16 @@ def test_every_file_of_the_scenes_is_packaged():
     data = {file for file in scenes.rglob("*.*") if file.suffix not in {".py", ".pyc", ".md"}}
     assert scenes / "sphere_pole.xml" in data
     assert data - packaged == set()
+
+
+def test_every_table_of_the_package_is_packaged():
+    data = PYPROJECT["tool"]["setuptools"]["package-data"]
+    package = REPOSITORY / "evsdr"
+    files = {file for file in package.rglob("*.*") if file.suffix in {".csv", ".npz", ".json", ".txt"}}
+    assert package / "files" / "daylight.csv" in files
+    for file in files:
+        name = ".".join(file.parent.relative_to(REPOSITORY).parts)
+        assert any(file.match(pattern) for pattern in data.get(name, ())), file
 
 
 def test_every_dependency_has_one_exact_version():

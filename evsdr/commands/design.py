@@ -14,7 +14,6 @@ from evsdr import __version__, jit
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError, check_range, parse_definitions
 from evsdr.events.pixel import EventPixel
-from evsdr.events.record import ring_schedule
 from evsdr.files.atomic import atomic_folder, check_folder
 from evsdr.progress import Stages
 from evsdr.records import Schedule
@@ -119,6 +118,8 @@ def check_options(options: Options) -> EventPixel:
 
 def make_schedule(options: Options, n_led: int) -> Schedule:
     """Give the schedule of a ring of n LEDs."""
+    from evsdr.events.record import ring_schedule
+
     schedule = ring_schedule(n_led, options.order, options.slot_us, options.crossfade)
     order = schedule.order
     if not order.size or order.min() < -1 or order.max() >= n_led or order.max() < 0:

@@ -10,13 +10,7 @@ import tyro
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError, check_range, parse_definitions
 from evsdr.events.pixel import EventPixel
-from evsdr.events.record import record, ring_schedule
-from evsdr.files import photographs
 from evsdr.files.atomic import atomic_folder, check_folder
-from evsdr.files.events_h5 import write_recording
-from evsdr.files.truth import write_truth
-from evsdr.fitting.simulation import render
-from evsdr.light.entry import open_scene
 from evsdr.progress import Stages
 
 
@@ -67,6 +61,13 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(options: Options) -> None:
     """Simulate, write, print how much came out."""
+    from evsdr.events.record import record, ring_schedule
+    from evsdr.files import photographs
+    from evsdr.files.events_h5 import write_recording
+    from evsdr.files.truth import write_truth
+    from evsdr.fitting.simulation import render
+    from evsdr.light.entry import open_scene
+
     if (options.scene is None) == (options.frames is None):
         raise InputError("Name either a scene file or --frames, not both.")
     for name, least in (("rounds", 1), ("spp", 1), ("seed", 0)):

@@ -1,6 +1,6 @@
 """How one event pixel turns the ring's light into events, at exact times.
 
-The light I(t) follows the schedule (see `ring_light`), each LED behind its own rise time. The pixel obeys
+The light I(t) follows the schedule (see `phase`), each LED behind its own rise time. The pixel obeys
 
     tau dv/dt = log I - v,     1 / tau = 2 pi cutoff I          photoreceptor, slower in the dark
     q(t) = v + noise - reference + leak (t - t_ref)             what the comparators see
@@ -26,7 +26,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-SMALLEST_THRESHOLD = 0.02  # fixed pattern and noise of the thresholds go no lower
+from evsdr.events.pixel import SMALLEST_THRESHOLD
+
 CHANGE = 0.05  # of log intensity in a step
 MIN_STEP_US = 1e-3
 NOISE_STEP = 0.5

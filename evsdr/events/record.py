@@ -5,7 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
 from evsdr.records import Recording, Schedule, Sensor
 
 Thresholds = Literal["calibrated", "nominal"]

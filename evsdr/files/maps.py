@@ -20,7 +20,8 @@ def read_maps(path: Path) -> Maps:
         raise InputError(f"{path}: there is no such file; name a maps.npz of evsdr.fit.")
     names = list(Maps.__dataclass_fields__)
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open(path, "rb") as stream:
+            file = np.load(stream, allow_pickle=False)
             maps = Maps(**{name: file[name] for name in names})
         height, width = maps.mask.shape
         right = maps.normal.shape == (height, width, 3)

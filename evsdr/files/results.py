@@ -1,7 +1,6 @@
 """Write what was recovered: arrays, float images, images to look at, and a summary."""
 
 import json
-import warnings
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -11,6 +10,7 @@ import OpenEXR
 import png
 
 from evsdr.files.atomic import atomic_folder
+from evsdr.files.daylight import reflectance_to_srgb
 from evsdr.records import Maps
 
 
@@ -104,42 +104,6 @@ def encode_normal(normal: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """
     shown = np.where(mask[..., None], normal, (0.0, 0.0, 1.0))
     return np.round(65535 * (np.clip(shown, -1, 1) + 1) / 2).astype(np.uint16)
-
-
-def reflectance_to_srgb(reflectance: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
-    """Show reflectance as it looks under daylight (D65), to the CIE 1931 standard observer.
-
-    Reflectance is interpolated linearly between the bands and is constant beyond the outermost ones. One or
-    two bands tell no colour: their mean becomes a grey.
-
-    Parameters
-    ----------
-    reflectance : (..., n_band) float
-        Reflectance per band.
-    wavelength_nm : (n_band,) float
-        Centroids [nm] in any order; bands that share one are averaged.
-
-    Returns
-    -------
-    (..., 3) float64
-        sRGB (IEC 61966-2-1), clipped to 0..1.
-    """
-    with np.printoptions(), warnings.catch_warnings():  # the import sets both, and warns of absent extras
-        warnings.simplefilter("ignore")
-        import colour  # late: takes a second
-    centre, index = np.unique(wavelength_nm, return_inverse=True)
-    if len(centre) < 3:
-        linear = np.repeat(reflectance.mean(axis=-1, dtype=np.float64)[..., None], 3, axis=-1)
-    else:
-        observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-        nm = np.arange(360.0, 781.0, 5.0)  # where the tables of both overlap
-        daylight = colour.SDS_ILLUMINANTS["D65"]
-        weight = observer[nm] * daylight[nm][:, None]
-        average = (index == np.arange(len(centre))[:, None]) / np.bincount(index)[:, None]
-        interpolate = np.stack([np.interp(nm, centre, column) for column in average.T])
-        band_xyz = interpolate @ weight / weight[:, 1].sum()
-        linear = colour.XYZ_to_RGB(reflectance @ band_xyz, "sRGB")
-    return colour.cctf_encoding(np.clip(linear, 0, 1), function="sRGB")
 
 
 def write_exr(path: Path, channels: dict[str, np.ndarray], **attributes: str) -> None:

@@ -12,7 +12,8 @@ import drjit as dr
 import numpy as np
 
 from evsdr.events.pairs import pair_events
-from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
 from evsdr.records import Recording, Schedule, Sensor

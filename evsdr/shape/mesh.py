@@ -52,7 +52,7 @@ def make_mesh(
     normal : (H, W, 3) float
         Normals in the camera frame: x right, y up, z toward the camera.
     colour : (H, W, 3) float, optional
-        sRGB, 0..1, as from `results.reflectance_to_srgb`.
+        sRGB, 0..1, as from `daylight.reflectance_to_srgb`.
     to_world : (4, 4) float, optional
         Rigid transformation from the camera frame; by default the mesh stays in the camera frame.
     bridge : bool

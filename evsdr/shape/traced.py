@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from evsdr.files.results import reflectance_to_srgb
+from evsdr.files.daylight import reflectance_to_srgb
 from evsdr.records import Maps
 from evsdr.shape.depth import Depth, integrate_normals, write_depth
 from evsdr.shape.mesh import SurfaceMesh, make_mesh, write_mesh

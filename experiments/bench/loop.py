@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.commands import fit, ring
-from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
 from evsdr.files.events_h5 import write_recording
 from evsdr.files.truth import write_truth
 from evsdr.fitting.simulation import render

@@ -8,7 +8,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from evsdr.files.results import reflectance_to_srgb
+from evsdr.files.daylight import reflectance_to_srgb
 
 from .compute import Chart
 

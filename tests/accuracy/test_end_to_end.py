@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from evsdr.commands import fit, simulate
-from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
 from evsdr.files.events_h5 import write_recording
 from evsdr.metrics import angular_error_deg
 from evsdr.records import Recording, Schedule, Sensor

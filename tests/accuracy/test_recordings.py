@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from evsdr.commands import simulate
-from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
 from evsdr.files.events_h5 import write_recording
 from evsdr.fitting import decoder
 from evsdr.fitting.simulation import render

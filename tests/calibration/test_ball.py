@@ -20,7 +20,8 @@ from evsdr.calibration.mirror import find_highlights, led_contrast, reflect
 from evsdr.calibration.scene_text import find_leds, flatten
 from evsdr.commands import calibrate
 from evsdr.errors import InputError
-from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
 from evsdr.files.events_h5 import write_recording
 from evsdr.light.camera import view_of
 from evsdr.light.scene import load_scene

@@ -12,7 +12,8 @@ from evsdr.calibration.patch import Patch, solve_powers
 from evsdr.calibration.thresholds import flicker_schedule, log_waveform, measure_thresholds
 from evsdr.commands import calibrate
 from evsdr.errors import InputError
-from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
 from evsdr.files.events_h5 import read_recording, write_recording
 from evsdr.light.scene import load_scene
 from evsdr.records import Recording, Schedule, Sensor

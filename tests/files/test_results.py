@@ -1,7 +1,6 @@
 """Results: every file is read back by another reader, and a failure leaves nothing."""
 
 import json
-import warnings
 from dataclasses import fields, replace
 
 import numpy as np
@@ -10,9 +9,9 @@ import png
 import pytest
 
 from evsdr.errors import InputError
+from evsdr.files.daylight import reflectance_to_srgb
 from evsdr.files.results import (
     encode_normal,
-    reflectance_to_srgb,
     spectral_channels,
     write_exr,
     write_results,
@@ -119,50 +118,6 @@ def test_reflectance_png(tmp_path, maps):
     np.testing.assert_array_equal(image[~maps.mask], 0)
     expected = 255 * reflectance_to_srgb(maps.reflectance, maps.band_wavelength_nm)[maps.mask]
     assert np.abs(image[maps.mask] - expected).max() <= 0.5 + 1e-9
-
-
-@pytest.mark.parametrize("wavelength_nm", [WAVELENGTH_NM, [500.0], [650.0, 450.0], [450.0, 550.0, 650.0]])
-@pytest.mark.parametrize("grey", [0.0, 0.18, 1.0])
-def test_flat_spectra_are_grey(wavelength_nm, grey):
-    """IEC 61966-2-1: 0.18 is encoded as 1.055 * 0.18^(1/2.4) - 0.055 = 0.4614."""
-    encoded = 1.055 * grey ** (1 / 2.4) - 0.055 if grey else 0.0
-    srgb = reflectance_to_srgb(np.full((2, len(wavelength_nm)), grey), wavelength_nm)
-    np.testing.assert_allclose(srgb, np.full((2, 3), encoded), atol=0.5 / 255)
-
-
-def test_two_bands_give_their_mean_as_grey():
-    srgb = reflectance_to_srgb(np.array([[0.1, 0.26]]), [650.0, 450.0])
-    np.testing.assert_allclose(srgb, [[1.055 * 0.18 ** (1 / 2.4) - 0.055] * 3], rtol=1e-9)
-
-
-def test_bands_of_one_wavelength_are_averaged():
-    rng = np.random.default_rng(5)
-    reflectance = rng.random((4, 4))
-    twice = np.concatenate([reflectance[:, :1] - 0.1, reflectance[:, :1] + 0.1, reflectance[:, 1:]], axis=1)
-    np.testing.assert_allclose(
-        reflectance_to_srgb(twice, [640.0, 640.0, 450.0, 500.0, 560.0]),
-        reflectance_to_srgb(reflectance, [640.0, 450.0, 500.0, 560.0]),
-        atol=1e-12,
-    )
-
-
-def test_colour_checker_keeps_its_colours():
-    """Eight bands of 24 nm width sample the 24 patches; their colours come within 20 of 255, 4 on average.
-
-    The loss is that of linear interpolation across the gaps between the LEDs, most in yellow and red.
-    """
-    with np.printoptions(), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import colour
-
-        patches = [sd.copy() for sd in colour.SDS_COLOURCHECKERS["ColorChecker N Ohta"].values()]
-        light = colour.SDS_ILLUMINANTS["D65"]
-        xyz = np.array([colour.sd_to_XYZ(sd, illuminant=light) / 100 for sd in patches])
-        truth = np.clip(colour.XYZ_to_sRGB(xyz), 0, 1)
-    band = np.exp(-0.5 * ((patches[0].wavelengths - WAVELENGTH_NM[:, None]) / 10) ** 2)
-    reflectance = np.array([sd.values for sd in patches]) @ (band / band.sum(axis=1, keepdims=True)).T
-    error = 255 * np.abs(reflectance_to_srgb(reflectance, WAVELENGTH_NM) - truth)
-    assert len(error) == 24 and error.max() < 20 and error.mean() < 4
 
 
 def test_summary(tmp_path, maps):

@@ -6,7 +6,8 @@ import pytest
 
 from evsdr.errors import InputError
 from evsdr.events.pairs import pair_events
-from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
 from evsdr.limits.bound import event_pair_bound, invert_information
 from evsdr.model.illumination import Illumination
 from evsdr.records import Recording, Schedule, Sensor

@@ -3,7 +3,7 @@
 import numpy as np
 
 from evsdr.events.phase import weights
-from evsdr.events.pixel import draw_pattern, find_crossings
+from evsdr.events.simulator import draw_pattern, find_crossings
 from evsdr.records import Schedule
 
 STEP_US = 0.25

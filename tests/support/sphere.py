@@ -5,7 +5,8 @@ import mitsuba as mi
 import numpy as np
 
 from evsdr.events.pairs import pair_events
-from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
 from evsdr.metrics import angular_error_deg
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evsdr.events.pixel import EventPixel, draw_pattern, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import draw_pattern, simulate_events
 from tests.support.pixel_light import CUTOFF, log_light, ring, run
 
 
