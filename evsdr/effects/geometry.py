@@ -1,15 +1,13 @@
 """Warnings about geometry that does not fit what was recorded."""
 
 import warnings
-from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 
-from evsdr.effects.light_choice import Asked, Light
+from evsdr.effects.world import World
 from evsdr.errors import InputWarning
 from evsdr.light.ground_truth import object_depth, object_normals
-from evsdr.light.scene import RingScene
 from evsdr.metrics import angular_error_deg
 from evsdr.records import Maps
 
@@ -18,16 +16,15 @@ MISPLACED_DEG = 15.0  # median angle between fitted normals and those of geometr
 LEAST_COSINE = 1e-3  # of an LED that lights a surface
 
 
-def check_light(ring: RingScene, light: Light, mask: np.ndarray, path: Path) -> None:
+def check_light(world: World) -> None:
     """Warn of LEDs that light no pixel: inside the object, behind it, or hidden."""
-    pixel = np.flatnonzero(mask & (object_depth(ring) > 0))
+    ring, light = world.ring, world.illumination()
+    pixel = np.flatnonzero(world.mask & (object_depth(ring) > 0))
     if len(pixel) == 0:
         return
     normal = object_normals(ring).reshape(-1, 3)[pixel]
     dark = []
-    for j, (direction, irradiance) in enumerate(
-        zip(light.illumination.direction, light.illumination.irradiance)
-    ):
+    for j, (direction, irradiance) in enumerate(zip(light.direction, light.irradiance)):
         toward = np.stack([c.numpy() for c in direction], axis=-1)
         arriving = irradiance.numpy()
         toward, arriving = (v if len(v) == 1 else v[pixel] for v in (toward, arriving))
@@ -40,31 +37,32 @@ def check_light(ring: RingScene, light: Light, mask: np.ndarray, path: Path) -> 
         which = f"LED {dark[0]} lights" if len(dark) == 1 else f"LEDs {', '.join(map(str, dark))} light"
         warnings.warn(
             InputWarning(
-                f"{path}: {which} no pixel of the object, by its geometry: behind it, inside it or hidden; "
+                f"{ring.path}: {which} no pixel of the object, by its geometry: behind it, inside it or hidden; "
                 "check the positions, or use --shadows off."
             )
         )
 
 
-def check_pieces(ring: RingScene, asked: Asked, mask: np.ndarray, path: Path) -> None:
+def check_pieces(world: World) -> None:
     """Warn of an unknown shape in several pieces: normals don't tell their distance from each other."""
-    if ring.shape_is_known and asked.shadows != "estimate":
+    if world.ring.shape_is_known and world.shadows != "estimate":
         return
-    component, n = ndimage.label(mask)
+    component, _ = ndimage.label(world.mask)
     size = np.bincount(component.ravel())[1:]
-    pieces = np.count_nonzero(size > SMALL_PIECE * mask.sum())
+    pieces = np.count_nonzero(size > SMALL_PIECE * world.mask.sum())
     if pieces > 1:
         warnings.warn(
             InputWarning(
-                f"{path}: the object is seen in {pieces} pieces, whose depth relative to each other is that of the "
+                f"{world.ring.path}: the object is seen in {pieces} pieces, whose depth relative to each other is that of the "
                 "scene's object; shadows of one on another are as good as that."
             )
         )
 
 
-def check_normals(ring: RingScene, light: Light, asked: Asked, maps: Maps, path: Path) -> None:
+def check_normals(world: World, maps: Maps) -> None:
     """Warn where fitted normals contradict the geometry that light was traced on."""
-    if not ring.shape_is_known or asked.shadows == "estimate" or not (light.shadows or light.near):
+    ring = world.ring
+    if not ring.shape_is_known or world.shadows == "estimate" or not (world.shadows == "scene" or world.near):
         return
     mask = maps.mask & (object_depth(ring) > 0)
     if not mask.any():
@@ -73,7 +71,7 @@ def check_normals(ring: RingScene, light: Light, asked: Asked, maps: Maps, path:
     if angle > MISPLACED_DEG:
         warnings.warn(
             InputWarning(
-                f"{path}: fitted normals are {angle:.0f} degrees off those of the object's geometry, so light was "
+                f"{ring.path}: fitted normals are {angle:.0f} degrees off those of the object's geometry, so light was "
                 "traced on a shape that is not the one recorded; correct it, or use --shadows estimate."
             )
         )

@@ -1,8 +1,12 @@
 """Hot pixels: those that fire more events than any light can make them."""
 
+from dataclasses import replace
+
 import drjit as dr
 import numpy as np
 
+from evsdr.effects.effect import Decision
+from evsdr.effects.world import Fitted, World
 from evsdr.model.illumination import Illumination
 from evsdr.records import Recording
 
@@ -23,3 +27,22 @@ def impossible_rate(recording: Recording, light: Illumination) -> np.ndarray:
     number = events.y.astype(np.int64) * sensor.width + events.x
     count = np.bincount(number, minlength=sensor.height * sensor.width)
     return (count > per_slot * (duration / schedule.slot_us + 1)).reshape(sensor.height, sensor.width)
+
+
+class HotPixels:
+    """Pixels whose events and silences count for nothing."""
+
+    name, option, when = "hot pixels", "", "scene"
+
+    def decide(self, asked: str, world: World, fitted: Fitted | None) -> Decision:
+        """Count the events of each pixel."""
+        hot = impossible_rate(world.recording, world.illumination())
+        n = int(np.count_nonzero(hot & world.mask))
+        if n == 0:
+            return Decision(self.name, False, "none: no pixel fires more events than any light can make")
+        why = f"{n}, whose events count for nothing: they fire more than any light can make them"
+        return Decision(self.name, True, why, found={"pixels": n}, answer=hot)
+
+    def model(self, world: World, decision: Decision) -> World:
+        """Leave out what they say."""
+        return replace(world, hot=decision.answer)

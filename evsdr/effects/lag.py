@@ -4,27 +4,31 @@ In dim light an event comes late, and noise makes it early; the solver would tak
 the time constant at I = 1 and the noise with which events fire, make the events of a whole sensor agree with the maps.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from evsdr.effects.wiring import signals_of
-from evsdr.events.pairs import pair_events
+from evsdr.effects.effect import Decision
+from evsdr.effects.sensitivity import against
 from evsdr.events.photoreceptor import Photoreceptors
+from evsdr.metrics import angular_error_deg
 from evsdr.model.illumination import Illumination
+from evsdr.model.lambert import LambertianRing, signals_of
 from evsdr.records import Recording
 from evsdr.solve import trial
 from evsdr.solve.levenberg import Solution
-from evsdr.solve.pair_data import PairData, pack_phases, pack_slots
+from evsdr.solve.pair_data import PairData
 from evsdr.solve.problem import Problem
+
+if TYPE_CHECKING:
+    from evsdr.effects.world import Fitted, World
 
 N_PIXEL = 500  # pixels that tell it
 FEWEST_EVENTS = 20  # of such a pixel
 FEWEST_PIXELS = 20
 CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more than a lag may be wrong
 TAU_US = (0.0, 10.0, 15.0, 22.0, 33.0, 50.0, 75.0, 110.0, 160.0, 240.0, 360.0, 540.0)  # that are tried
-FINE = np.linspace(-0.6, 0.6, 7)  # around the best, relative to the distance of its neighbours
 NOISE, MOST_NOISE = 0.01, 0.04  # of log I, that is tried, and at most
 NOISE_SHARE = 2 / 3  # of the noise at which residuals look right: that is too much, on simulated scenes
 DECISIVE = 20.0  # gain in log likelihood from which there is a lag
@@ -41,11 +45,14 @@ class Lag:
         Time constant at I = 1, and one standard deviation of the estimate [us].
     noise : float
         See `photoreceptor.Photoreceptors`.
+    error_deg : float
+        Mean angle that it turns normals by if it is left out [deg].
     """
 
     tau_us: float
     tau_sigma_us: float
     noise: float = 0.0
+    error_deg: float = 0.0
 
     def __str__(self) -> str:
         late = f"events are {self.tau_us:.3g} +- {self.tau_sigma_us:.2g} us / I late"
@@ -76,18 +83,29 @@ def find_lag(recording: Recording, problem: Problem, solution: Solution, thresho
     if len(clear) < FEWEST_PIXELS:
         return None
     row = np.sort(np.random.default_rng(0).permutation(clear)[:N_PIXEL])
-    few = _of_pixels(recording, problem, row)
+    few = trial.of_recording(recording, problem, row)
 
     def read(lags):
         lagging = [photoreceptors(few, problem, solution, lag, row) for lag in lags]
-        cases = [_pairs(few, problem, row, receptors) for receptors in lagging]
+        cases = [trial.read(few, problem, row, receptors) for receptors in lagging]
         return cases, problem.illumination, row, thresholds
 
-    tau = _smallest(lambda values: trial.costs(*read([Lag(v, 0.0) for v in values])).sum(axis=1), TAU_US)
-    if tau is None:
+    def costs(values):
+        return trial.costs(*read([Lag(v, 0.0) for v in values])).sum(axis=1)
+
+    found = trial.search_scalar(costs, TAU_US)
+    if found.gain < DECISIVE or found.value <= SIGNIFICANT * found.sigma:
         return None
+    tau = found.value, found.sigma
     given = read([Lag(*tau), Lag(*tau, NOISE)])
-    return Lag(*tau, _noise(*given[:3], trial.solve(*given)))
+    noise = _noise(*given[:3], trial.solve(*given))
+    late, mended = _normals(trial.solve(*read([Lag(0.0, 0.0), Lag(*tau, noise)])).theta).reshape(2, -1, 3)
+    return Lag(*tau, noise, float(angular_error_deg(late, mended).mean()))
+
+
+def _normals(theta: np.ndarray) -> np.ndarray:
+    """Give vectors (n_pixel, 3) along the normals of slopes."""
+    return np.column_stack([-theta[:, :2], np.ones(len(theta))])
 
 
 def _noise(cases: list[PairData], light: Illumination, row: np.ndarray, solution: Solution) -> float:
@@ -131,7 +149,7 @@ def _residuals(
     start, coded = pairs.phases.numpy().reshape(-1, 2).astype(np.float64).T
     polarity, end = np.sign(coded), np.abs(coded) - 1
     led = pairs.slot_leds.numpy()[:-1] & 0xFFFF
-    light_of_slot = signals_of(light, theta)[led] + float(light.constant_light[0])
+    light_of_slot = signals_of(LambertianRing(light), theta)[led] + float(light.constant_light[0])
 
     def log_light(phase):
         slot = np.floor(phase).astype(np.int64) % len(led)  # phases may have been rounded up
@@ -143,26 +161,6 @@ def _residuals(
     residual = polarity * (log_light(end) - log_light(start)) - threshold[pixel, (polarity < 0).astype(int)]
     follows = np.flatnonzero(np.diff(pixel) == 0) + 1
     return residual[follows], polarity[follows] != polarity[follows - 1]
-
-
-def _smallest(costs: Callable, candidates: tuple) -> tuple[float, float] | None:
-    """Find the number of smallest cost, and one standard deviation; None if it might as well be the first, 0."""
-    cost = costs(candidates)
-    best = int(np.argmin(cost))
-    if cost[0] - cost[best] < DECISIVE:
-        return None
-    step = candidates[min(best + 1, len(candidates) - 1)] - candidates[best - 1]
-    fine = np.clip(candidates[best] + 0.5 * step * FINE, 0, None)
-    curve = np.polynomial.Polynomial.fit(fine, costs(fine), 2).convert()
-    if curve.coef[2] <= 0:  # few and contrary events: the coarse ones have to do
-        first = min(best, len(candidates) - 2) - 1
-        around = slice(first, first + 3)
-        curve = np.polynomial.Polynomial.fit(candidates[around], cost[around], 2).convert()
-    if curve.coef[2] <= 0:
-        return None
-    value = float(np.clip(-0.5 * curve.coef[1] / curve.coef[2], fine[0], fine[-1]))
-    sigma = float((2 * curve.coef[2]) ** -0.5)
-    return (value, sigma) if value > SIGNIFICANT * sigma else None
 
 
 def photoreceptors(
@@ -177,9 +175,11 @@ def photoreceptors(
     """
     if lag.tau_us == 0:
         return None
-    row = np.arange(problem.n_pixel) if row is None else row
-    chosen = problem.illumination.gather(type(problem.pairs.offset)(row.astype(np.uint32)))
-    signal = signals_of(chosen, solution.theta[row])
+    if row is None:
+        row, model = np.arange(problem.n_pixel), problem.model
+    else:
+        model = LambertianRing(problem.illumination.gather(type(problem.pairs.offset)(row.astype(np.uint32))))
+    signal = signals_of(model, solution.theta[row])
     schedule = recording.schedule
     led = np.where(schedule.order < 0, len(signal) - 1, schedule.order)
     light = (signal[led] + float(problem.illumination.constant_light[0])).T
@@ -189,47 +189,27 @@ def photoreceptors(
     return Photoreceptors.under(light, row_of, tau_slots, schedule.crossfade, lag.noise)
 
 
-def _of_pixels(recording: Recording, problem: Problem, row: np.ndarray) -> Recording:
-    """Keep the events of some pixels of a problem."""
-    events = recording.events
-    chosen = np.zeros(problem.grid.mask.shape, bool)
-    chosen.ravel()[problem.pixel[row]] = True
-    keep = chosen[events.y, events.x]
-    parts = {name: getattr(events, name)[keep] for name in ("x", "y", "p", "t")}
-    return replace(recording, events=replace(events, **parts))
+class PhotoreceptorLag:
+    """Events that come late in dim light, and early by noise."""
 
+    name, option, when = "photoreceptor lag", "lag", "alone"
 
-def _pairs(
-    recording: Recording, problem: Problem, row: np.ndarray, receptors: Photoreceptors | None
-) -> PairData:
-    """Pair the events of some pixels of a problem."""
-    known = problem.pairs
-    Float, UInt32 = type(known.phases), type(known.offset)
-    pairs = pair_events(recording, None, receptors)
-    count = np.diff(pairs.offset.astype(np.int64))[problem.pixel[row]]
-    return PairData(
-        offset=UInt32(np.append(0, np.cumsum(count)).astype(np.uint32)),
-        phases=Float(pack_phases(pairs.phase_start, pairs.phase_end, pairs.polarity)),
-        threshold_on=Float(known.threshold_on.numpy()[row]),
-        threshold_off=Float(known.threshold_off.numpy()[row]),
-        slot_leds=UInt32(pack_slots(recording.schedule.order, problem.illumination.n_led)),
-    )
+    def decide(self, asked: str, world: "World", fitted: "Fitted") -> Decision:
+        """Ask the events how late they are."""
+        if asked == "off":
+            return Decision(self.name, False, "not modelled: asked for by --lag off")
+        if not world.terms.thorough:
+            who = "preset fast" if world.terms.solver == "lm" else "solver adam"
+            return Decision(self.name, False, f"not looked for by the {who}")
+        lag = find_lag(world.recording, fitted.problem, fitted.solution, world.thresholds)
+        if lag is None:
+            return Decision(self.name, False, "not modelled: the events show none")
+        error, limit = lag.error_deg, world.terms.limit_deg
+        modelled = error > limit
+        why = str(lag) if modelled else f"not modelled: lag, {against(error, modelled, limit)}"
+        found = {"tau_us": lag.tau_us, "tau_sigma_us": lag.tau_sigma_us, "noise": lag.noise}
+        return Decision(self.name, modelled, why, error, found, lag)
 
-
-def looks_for_lag(asked: str, solver: str, thorough: bool) -> tuple[bool, str]:
-    """Decide whether to ask the events how late they are, and say why not.
-
-    Parameters
-    ----------
-    asked : str
-        `auto` or `off`.
-    solver : str
-        `lm` or `adam`.
-    thorough : bool
-        Whether the preset looks for what shows in residuals.
-    """
-    if asked == "off":
-        return False, "not modelled: asked for by --lag off"
-    if solver != "lm" or not thorough:
-        return False, f"not looked for by the {'preset fast' if solver == 'lm' else 'solver adam'}"
-    return True, "not modelled: the events show none"
+    def model(self, world: "World", decision: Decision) -> "World":
+        """Pair events as such photoreceptors show them."""
+        return replace(world, lag=decision.answer)

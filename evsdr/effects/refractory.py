@@ -4,17 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from evsdr.effects.world import Observations
-from evsdr.events.pairs import pair_events
-from evsdr.model.illumination import Illumination
+from evsdr.effects.effect import Decision
+from evsdr.effects.world import Fitted, World
 from evsdr.records import Recording
 from evsdr.solve import trial
-from evsdr.solve.pair_data import PairData, pack_phases, pack_slots
 from evsdr.solve.problem import Problem
 
 N_PIXEL = 400  # pixels that tell it
 CANDIDATES_US = (0.0, 10.0, 25.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1600.0, 3200.0)
-FINE = np.linspace(-0.6, 0.6, 7)  # around the best, relative to the distance of its neighbours
 N_REFINE = 2
 MODEL_SHARE = 0.005  # of a slot: how far the estimate was off on simulated scenes
 FEWEST_EVENTS = 20  # of a pixel
@@ -48,47 +45,15 @@ def find_refractory(recording: Recording, problem: Problem, thresholds: bool) ->
     shortest = _shortest_interval_us(recording, problem, pixel)
     told = recording.sensor.refractory_us
     candidates = sorted({c for c in (*CANDIDATES_US, told) if c <= max(shortest, told)} | {shortest})
-    cost = _costs(candidates, recording, problem, pixel, thresholds)
-    best = int(np.argmin(cost))
-    below = candidates[best] - candidates[max(best - 1, 0)]
-    above = candidates[min(best + 1, len(candidates) - 1)] - candidates[best]
-    step, centre, sigma = max(below, above, 10.0), candidates[best], None
-    for _ in range(N_REFINE):
-        fine = np.unique(np.clip(centre + step * FINE, 0, None))
-        cost = _costs(fine, recording, problem, pixel, thresholds)
-        curve = np.polynomial.Polynomial.fit(fine, cost, 2).convert()
-        if curve.coef[2] <= 0:
-            return float(fine[np.argmin(cost)]), float(step)
-        centre = float(np.clip(-0.5 * curve.coef[1] / curve.coef[2], fine[0], fine[-1]))
-        sigma, step = float((2 * curve.coef[2]) ** -0.5), step / 3
-    return centre, float(np.hypot(sigma, MODEL_SHARE * recording.schedule.slot_us))
+    few = trial.of_recording(recording, problem, pixel)
 
+    def costs(periods):
+        sensors = [replace(few.sensor, refractory_us=float(period)) for period in periods]
+        cases = [trial.read(replace(few, sensor=sensor), problem, pixel) for sensor in sensors]
+        return trial.costs(cases, problem.illumination, pixel, thresholds).sum(axis=1)
 
-def _costs(
-    candidates, recording: Recording, problem: Problem, pixel: np.ndarray, thresholds: bool
-) -> np.ndarray:
-    """Give the cost of each period."""
-    mask = np.zeros(problem.grid.mask.size, bool)
-    mask[problem.pixel[pixel]] = True
-    mask = mask.reshape(problem.grid.mask.shape)
-    known = problem.pairs
-    Float, UInt32 = type(known.phases), type(known.offset)
-    light = problem.illumination
-    cases = []
-    for period in candidates:
-        sensor = replace(recording.sensor, refractory_us=float(period))
-        pairs = pair_events(replace(recording, sensor=sensor), mask)
-        count = np.diff(pairs.offset.astype(np.int64))[problem.pixel[pixel]]
-        cases.append(
-            PairData(
-                offset=UInt32(np.append(0, np.cumsum(count)).astype(np.uint32)),
-                phases=Float(pack_phases(pairs.phase_start, pairs.phase_end, pairs.polarity)),
-                threshold_on=Float(known.threshold_on.numpy()[pixel]),
-                threshold_off=Float(known.threshold_off.numpy()[pixel]),
-                slot_leds=UInt32(pack_slots(recording.schedule.order, light.n_led)),
-            )
-        )
-    return trial.costs(cases, light, pixel, thresholds).sum(axis=1)
+    found = trial.search_scalar(costs, candidates, N_REFINE)
+    return found.value, float(np.hypot(found.sigma, MODEL_SHARE * recording.schedule.slot_us))
 
 
 def _shortest_interval_us(recording: Recording, problem: Problem, pixel: np.ndarray) -> float:
@@ -104,35 +69,30 @@ def _shortest_interval_us(recording: Recording, problem: Problem, pixel: np.ndar
     return float(np.quantile(interval, 0.001))
 
 
-def choose_refractory(
-    asked: str, seen: Observations, light: Illumination, thresholds: bool
-) -> tuple[Observations, dict]:
-    """Decide which refractory period counts, and say why.
+class Refractory:
+    """A refractory period that the recording does not tell, or tells wrong."""
 
-    Parameters
-    ----------
-    asked : str
-        `known`, `estimate` or `auto`.
-    seen : Observations
-    light : Illumination
-        What the LEDs send to the pixels.
-    thresholds : bool
-        Whether contrast thresholds are unknown, too.
+    name, option, when = "refractory period", "refractory", "scene"
 
-    Returns
-    -------
-    seen : Observations
-        Paired by the period that counts.
-    report : dict
-        Periods told and found [us], for the summary.
-    """
-    sensor = seen.recording.sensor
-    told = None if "refractory_us" in sensor.guessed else sensor.refractory_us
-    report = {"told_us": told, "found_us": None}
-    if asked == "known" or (asked == "auto" and told is not None):
-        return seen, report
-    found = find_refractory(seen.recording, seen.under(light), thresholds)
-    if found is None:
-        return seen, report
-    corrected = replace(seen.recording, sensor=replace(sensor, refractory_us=found[0]))
-    return seen.corrected(corrected), report | {"found_us": found[0], "sigma_us": found[1]}
+    def decide(self, asked: str, world: World, fitted: Fitted | None) -> Decision:
+        """Estimate it where the recording does not tell it, or on demand."""
+        sensor = world.recording.sensor
+        told = None if "refractory_us" in sensor.guessed else sensor.refractory_us
+        report = {"told_us": told, "found_us": None}
+        if asked == "known" or (asked == "auto" and told is not None):
+            why = "asked for by --refractory known" if asked == "known" else "the recording tells it"
+            return Decision(self.name, False, f"as told: {why}", found={"refractory_us": report})
+        found = find_refractory(world.recording, world.problem(), world.thresholds)
+        if found is None:
+            return Decision(
+                self.name, False, "as told: too few pixels tell it", found={"refractory_us": report}
+            )
+        report |= {"found_us": found[0], "sigma_us": found[1]}
+        because = "asked for by --refractory estimate" if asked == "estimate" else "the recording tells none"
+        why = f"estimated, {found[0]:.3g} +- {found[1]:.2g} us: {because}"
+        return Decision(self.name, True, why, None, {"refractory_us": report}, found[0])
+
+    def model(self, world: World, decision: Decision) -> World:
+        """Pair events by it."""
+        sensor = replace(world.recording.sensor, refractory_us=decision.answer)
+        return replace(world, recording=replace(world.recording, sensor=sensor))

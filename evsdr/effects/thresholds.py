@@ -1,29 +1,38 @@
 """Whether contrast thresholds are taken as told or are unknown."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from evsdr.light.scene import RingScene
-from evsdr.records import Recording
+from evsdr.effects.effect import Decision
+from evsdr.effects.world import Fitted, World
 
 
-def choose_thresholds(asked: str, solver: str, recording: Recording, ring: RingScene) -> tuple[bool, str]:
-    """Decide whether contrast thresholds are estimated, and say why.
+class Thresholds:
+    """Contrast thresholds that are unknown, pixel by pixel."""
 
-    Parameters
-    ----------
-    asked : str
-        `known`, `estimate` or `auto`.
-    """
-    told = recording.sensor.contrast_threshold_on, recording.sensor.contrast_threshold_off
-    per_pixel = any(np.ndim(value) for value in told)
-    if asked == "known":
-        return False, "as told: asked for by --thresholds known"
-    if solver == "adam":
-        return False, "as told: the solver adam does not estimate them"
-    if ring.constant_light == 0:
-        return False, "as told: without constant light they can't be told from the contrast"
-    if asked == "estimate":
-        return True, "estimated per pixel: asked for by --thresholds estimate"
-    if per_pixel:
-        return False, "as told: the recording holds those of each pixel"
-    return True, "estimated per pixel: the recording tells one value for all"
+    name, option, when = "contrast thresholds", "thresholds", "scene"
+
+    def decide(self, asked: str, world: World, fitted: Fitted | None) -> Decision:
+        """Estimate them where the recording tells one value for all, and the solver can."""
+        sensor = world.recording.sensor
+        if asked == "known":
+            return self._as_told("asked for by --thresholds known")
+        if world.terms.solver == "adam":
+            return self._as_told("the solver adam does not estimate them")
+        if world.ring.constant_light == 0:
+            return self._as_told("without constant light they can't be told from the contrast")
+        if asked == "estimate":
+            why = "asked for by --thresholds estimate"
+        elif np.ndim(sensor.contrast_threshold_on) or np.ndim(sensor.contrast_threshold_off):
+            return self._as_told("the recording holds those of each pixel")
+        else:
+            why = "the recording tells one value for all"
+        return Decision(self.name, True, f"estimated per pixel: {why}")
+
+    def _as_told(self, why: str) -> Decision:
+        return Decision(self.name, False, f"as told: {why}")
+
+    def model(self, world: World, decision: Decision) -> World:
+        """Make them unknowns of the solver."""
+        return replace(world, thresholds=True)

@@ -1,13 +1,16 @@
-"""Dead or swapped LEDs and hot pixels, told from events that contradict light and maps."""
+"""Dead or swapped LEDs, told from events that contradict light and maps."""
 
+import warnings
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-import drjit as dr
 import numpy as np
 
+from evsdr.effects.effect import Decision
+from evsdr.effects.world import Fitted, World
+from evsdr.errors import InputWarning
 from evsdr.model.illumination import Illumination
-from evsdr.model.lambert import LambertianRing
+from evsdr.model.lambert import LambertianRing, signals_of
 from evsdr.solve import levenberg, trial
 from evsdr.solve.pair_data import PairData, pack_slots
 
@@ -68,7 +71,7 @@ def led_residuals(pairs: PairData, light: Illumination, solution: levenberg.Solu
     some = some[:: max(1, len(some) // N_SAMPLE)]
     pixel = np.repeat(some, np.diff(offset)[some])
     k = np.concatenate([np.arange(offset[i], offset[i + 1]) for i in some]) if len(some) else np.arange(0)
-    signal = signals_of(light, solution.theta)
+    signal = signals_of(LambertianRing(light), solution.theta)
     start, coded = pairs.phases.numpy().reshape(-1, 2)[k].T
     end, polarity = np.abs(coded) - 1, np.sign(coded)
     leds = pairs.slot_leds.numpy()
@@ -118,11 +121,28 @@ def find_fault(pairs: PairData, light: Illumination, solution: levenberg.Solutio
     return faults[best] if cost[0] - cost[1 + best] > DECISIVE * abs(cost[0]) else None
 
 
-def signals_of(light: Illumination, theta: np.ndarray) -> np.ndarray:
-    """Give A_xj (n_led + 1, n_pixel); the last row is darkness."""
-    Float = type(light.constant_light)
-    columns = [Float(np.ascontiguousarray(c, np.float32)) for c in theta.T]
-    reflectance = [dr.exp(c) for c in columns[2 : 2 + light.n_band]]
-    signal, _, _ = LambertianRing(light)(columns[0], columns[1], reflectance, Float(light.horizon))
-    rows = [np.broadcast_to(s.numpy(), len(theta)) for s in signal]
-    return np.stack([*rows, np.zeros(len(theta))])
+class Wiring:
+    """A ring that does not shine as told."""
+
+    name, option, when = "wiring", "", "anew"
+
+    def decide(self, asked: str, world: World, fitted: Fitted) -> Decision:
+        """Ask the residuals of each LED, and warn the user of a fault."""
+        if world.terms.solver != "lm":
+            return Decision(self.name, False, "not looked for by the solver adam")
+        fault = find_fault(fitted.problem.pairs, fitted.problem.illumination, fitted.solution)
+        if fault is None:
+            return Decision(self.name, False, "as told: the events contradict no LED")
+        warnings.warn(
+            InputWarning(
+                f"{world.recording.source}: {fault}, say the events, and the fit took that for true; "
+                "check the ring and schedule/order."
+            )
+        )
+        return Decision(self.name, True, f"{fault}, say the events", None, {"leds": list(fault.leds)}, fault)
+
+    def model(self, world: World, decision: Decision) -> World:
+        """Take the LEDs to have shone in the order that the events tell."""
+        schedule = world.recording.schedule
+        schedule = replace(schedule, order=decision.answer.mend(schedule.order))
+        return replace(world, recording=replace(world.recording, schedule=schedule))

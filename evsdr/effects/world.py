@@ -1,54 +1,27 @@
-"""What a fit looks at: observations of a recording, and what a fit makes of them."""
+"""What a fit believes: all that predicts the events, but for the maps."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from evsdr.effects.gloss_fit import Gloss
+from evsdr.effects.lag import Lag, photoreceptors
+from evsdr.effects.sensitivity import Look, look_at, look_at_geometry
+from evsdr.effects.surface import FittedSurface
+from evsdr.errors import InputError
 from evsdr.events.pairs import Pairs, pair_events
-from evsdr.events.photoreceptor import Photoreceptors
+from evsdr.light.camera import view_directions
+from evsdr.light.scene import RingScene
+from evsdr.light.tracing import trace_illumination, trace_indirect
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps, Recording
 from evsdr.solve import levenberg
 from evsdr.solve.problem import Problem, make_problem
 
-
-@dataclass(frozen=True)
-class Observations:
-    """What a recording tells of the object's pixels, under whatever light.
-
-    Attributes
-    ----------
-    recording : Recording
-        For its events, sensor and schedule.
-    mask : (height, width) bool
-        Pixels to solve.
-    pairs : Pairs
-        Event pairs of all pixels.
-    hot : (height, width) bool, optional
-        Pixels whose events and silences count for nothing.
-    """
-
-    recording: Recording
-    mask: np.ndarray
-    pairs: Pairs
-    hot: np.ndarray | None = None
-
-    def under(self, light: Illumination) -> Problem:
-        """Give the problem of these observations under a light."""
-        return make_problem(self.recording, self.pairs, light, self.mask, self.hot)
-
-    def corrected(self, recording: Recording) -> "Observations":
-        """Pair the events of a recording that was put right."""
-        return replace(self, recording=recording, pairs=pair_events(recording, self.mask))
-
-    def behind(self, receptors: Photoreceptors) -> "Observations":
-        """Pair the events anew, as seen through photoreceptors that lag."""
-        return replace(self, pairs=pair_events(self.recording, self.mask, receptors))
-
-    def in_order(self, order: np.ndarray) -> "Observations":
-        """Take the LEDs to have shone in this order; which events are pairs does not depend on it."""
-        schedule = replace(self.recording.schedule, order=order)
-        return replace(self, recording=replace(self.recording, schedule=schedule))
+TRIAL_RAYS = 4  # per pixel: of trials, and for the object's outline
+ROUND_RAYS = 1  # per pixel, while light and surface change
+SKIP = 0.05  # pixels: hits nearer than that to an estimated surface are the surface itself
 
 
 @dataclass(frozen=True)
@@ -58,3 +31,194 @@ class Fitted:
     problem: Problem
     solution: levenberg.Solution
     maps: Maps
+
+
+@dataclass(frozen=True)
+class Terms:
+    """By what is decided.
+
+    Attributes
+    ----------
+    solver : str
+        `lm` or `adam`.
+    thorough : bool
+        Whether effects are looked for that show only in the residuals of a fit.
+    limit_deg : float
+        Mean error of the normals from which an effect is modelled [deg].
+    most_rays : int
+        Per pixel.
+    seed : int
+        Of the rays; another than a simulation's, or its sampling noise would cancel.
+    """
+
+    solver: str = "lm"
+    thorough: bool = True
+    limit_deg: float = 0.05
+    most_rays: int = 16
+    seed: int = 1
+
+
+class Memo:
+    """Remembers the latest results of costly work: keys are equal if their parts are the same objects or words."""
+
+    def __init__(self, most: int = 2):
+        self._most, self._kept = most, {}
+
+    def __call__(self, kind: str, key: tuple, work: Callable):
+        """Give the result of `work()`, or of an earlier one of this kind with this key."""
+        kept = self._kept.setdefault(kind, [])
+        for k, (known, value) in enumerate(kept):
+            if all(
+                a is b or (isinstance(a, bool | int | float | str) and a == b) for a, b in zip(known, key)
+            ):
+                kept.insert(0, kept.pop(k))
+                return value
+        value = work()
+        kept.insert(0, (key, value))
+        del kept[self._most :]
+        return value
+
+
+@dataclass(frozen=True)
+class World:
+    """All that predicts the events of a recording, but for the maps.
+
+    Attributes
+    ----------
+    ring : RingScene
+    recording : Recording
+        As it is believed to be now.
+    mask : (height, width) bool
+        Pixels to solve.
+    terms : Terms
+    surface : FittedSurface
+    memo : Memo
+        What was traced and paired lately.
+    hot : (height, width) bool, optional
+        Pixels whose events and silences count for nothing.
+    near : bool
+        Whether direction and fall-off of LEDs are per pixel.
+    shadows : str
+        `none`, or the geometry that casts them: `scene`, or `estimate`, the surface of the fit.
+    moved : bool
+        Whether LEDs are near to the surface of the fit, not to that of the scene.
+    indirect : bool
+        Whether light by way of other surfaces counts.
+    rays : int
+        Per pixel.
+    thresholds : bool
+        Whether contrast thresholds are unknown.
+    lag : Lag, optional
+        What photoreceptors do.
+    gloss : Gloss, optional
+        Lobes.
+    decisions : dict of Decision
+        What was decided so far.
+    """
+
+    ring: RingScene
+    recording: Recording
+    mask: np.ndarray
+    terms: Terms
+    surface: FittedSurface
+    memo: Memo
+    hot: np.ndarray | None = None
+    near: bool = False
+    shadows: str = "none"
+    moved: bool = False
+    indirect: bool = False
+    rays: int = TRIAL_RAYS
+    thresholds: bool = False
+    lag: Lag | None = None
+    gloss: Gloss | None = None
+    decisions: dict = field(default_factory=dict)
+
+    @classmethod
+    def before_a_fit(cls, ring: RingScene, recording: Recording, mask: np.ndarray, terms: Terms) -> "World":
+        """Believe what scene and recording tell."""
+        return cls(ring, recording, mask, terms, FittedSurface(ring), Memo())
+
+    @property
+    def on_fit(self) -> bool:
+        """Whether direct light is traced on the surface of the fit."""
+        return self.shadows == "estimate" or self.moved
+
+    @property
+    def light_follows_fit(self) -> bool:
+        """Whether light depends on the fit."""
+        return self.on_fit or self.indirect
+
+    def look(self, fitted: Fitted | None = None) -> Look:
+        """Look at some pixels: at what was fitted, or else at the scene's geometry."""
+        if fitted is not None:
+            return look_at(fitted.maps)
+        return self.memo("look", (), lambda: look_at_geometry(self.ring, self.mask))
+
+    def trace(
+        self, shadows: bool, rays: int, fitted: Fitted | None = None, skip: float = SKIP, seed: int = 0
+    ) -> Illumination:
+        """Trace direct light on the scene's geometry, or on the surface of a fit.
+
+        Parameters
+        ----------
+        shadows : bool
+            Whether cast shadows are traced.
+        rays : int
+            Per pixel.
+        fitted : Fitted, optional
+            Whose surface stands in the place of the object.
+        skip : float
+            Hits nearer than that to the surface of a fit are the surface itself [pixels].
+        seed : int
+            Another one gives other rays.
+        """
+
+        def work():
+            scene, free = (self.ring, 0.0) if fitted is None else self.surface.follow(fitted, skip)
+            given = scene, rays
+            light, _ = trace_illumination(*given, shadows, self.terms.seed + seed, free)
+            if self.near or not self.ring.is_near:
+                return light
+            whole = trace_illumination(*given, False, self.terms.seed + seed)[0] if shadows else light
+            return light.far(whole, self.look(fitted).pixel)
+
+        return self.memo("trace", (self.near, shadows, rays, fitted, skip, seed), work)
+
+    def illumination(self, fitted: Fitted | None = None, rays: int | None = None) -> Illumination:
+        """Give the light that is modelled, on the surface of a fit where that counts, with `rays` per pixel there."""
+        surface = fitted if self.on_fit else None
+        shadows = self.shadows == ("estimate" if surface and self.shadows != "scene" else "scene")
+        light = self.trace(shadows, rays if surface and rays else self.rays, surface)
+        if not (self.indirect and fitted):
+            return light
+
+        def work():
+            scene, free = self.surface.follow(fitted, SKIP) if surface else (self.ring, 0.0)
+            depth, seed = self.ring.integrator.max_depth, self.terms.seed
+            return replace(light, indirect=trace_indirect(scene, fitted.maps, light, depth, seed, free))
+
+        return self.memo("indirect", (light, fitted), work)
+
+    def pairs(self, fitted: Fitted | None = None) -> Pairs:
+        """Pair the events, as photoreceptors that lag show them under the light of a fit."""
+        fitted = fitted if self.lag else None
+
+        def work():
+            receptors = None
+            if fitted:
+                receptors = photoreceptors(self.recording, fitted.problem, fitted.solution, self.lag)
+            try:
+                return pair_events(self.recording, self.mask, receptors)
+            except InputError as error:
+                raise InputError(f"{self.recording.source}: {error}") from error
+
+        return self.memo("late pairs" if fitted else "pairs", (self.recording, fitted), work)
+
+    def problem(self, fitted: Fitted | None = None, rays: int | None = None) -> Problem:
+        """Give the problem to solve; what depends on the maps follows those of a fit, if there is one."""
+        light, pairs = self.illumination(fitted, rays), self.pairs(fitted)
+        problem = make_problem(self.recording, pairs, light, self.mask, self.hot)
+        if self.gloss is None:
+            return problem
+        lobe = self.gloss.lobe(type(problem.pairs.phases))
+        return replace(problem, lobe=lobe, view=view_directions(self.ring, problem.pixel))

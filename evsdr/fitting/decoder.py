@@ -11,7 +11,6 @@ from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
 from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import RingScene
-from evsdr.model.lambert import LambertianRing
 from evsdr.solve import levenberg, published
 from evsdr.solve.problem import Problem
 from evsdr.solve.unknowns import to_theta
@@ -33,6 +32,7 @@ PURPOSES = {
         "fine": False,
         "priors": None,
     },  # as well as is needed to see where light goes
+    "model": {"stages": ((0.01, None, 4),)},  # the surface's model has changed
 }
 
 
@@ -146,7 +146,7 @@ def solve(
             effort, stages=(), n_sweep=0, n_final=0, priors=None
         )  # only noise and sigma at Adam's result
     solution = levenberg.solve(
-        LambertianRing(light),
+        problem.model,
         problem.pairs,
         light.constant_light,
         to_theta(normal, reflectance, Float) + (unknown_gain if estimate_thresholds else []),

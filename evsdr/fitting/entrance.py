@@ -32,6 +32,8 @@ class Fit:
     ----------
     maps : Maps
         Normals and reflectances, with their standard deviations.
+    decisions : dict of Decision
+        What was decided on each effect, and why.
     solution : levenberg.Solution
         What the solver found, pixel after pixel.
     summary : dict
@@ -41,6 +43,7 @@ class Fit:
     """
 
     maps: Maps
+    decisions: dict
     solution: object
     summary: dict
     surface: dict[str, Callable[[Path], None]]

@@ -1,22 +1,23 @@
 """What a fit says of itself: warnings, and what it modelled, left out, and why."""
 
 import warnings
+from dataclasses import fields
 
 import numpy as np
 
 from evsdr import __version__
-from evsdr.effects.wiring import Fault
-from evsdr.effects.world import Fitted, Observations
+from evsdr.effects.world import Fitted, World
 from evsdr.errors import InputWarning
 from evsdr.fitting.maps import lit_bands
 from evsdr.fitting.settings import Settings
 from evsdr.light.scene import RingScene
-from evsdr.records import Recording
+from evsdr.records import Recording, Sensor
 from evsdr.solve import levenberg
 
 WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
 CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
 CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are worth a warning
+SENSOR = [field.name for field in fields(Sensor)]
 MISFIT = 0.5  # relative threshold noise above which events and scene contradict each other
 
 
@@ -25,16 +26,9 @@ def warn(sentence: str) -> None:
     warnings.warn(InputWarning(sentence))
 
 
-def warn_of_fault(source: str, fault: Fault) -> None:
-    """Say that the ring did not shine as told."""
-    warn(
-        f"{source}: {fault}, say the events, and the fit took that for true; check the ring and schedule/order."
-    )
-
-
-def warn_of_what_was_found(ring: RingScene, seen: Observations, fitted: Fitted) -> None:
+def warn_of_what_was_found(world: World, fitted: Fitted) -> None:
     """Say what a fit found that its user should look into."""
-    noise, source = fitted.solution.noise, seen.recording.source
+    noise, source, ring = fitted.solution.noise, world.recording.source, world.ring
     if ring.constant_light == 0:
         warn(
             f"{ring.path}: constant_light is 0, so the scale of reflectance is unknown and the "
@@ -48,8 +42,8 @@ def warn_of_what_was_found(ring: RingScene, seen: Observations, fitted: Fitted) 
             f"{noise:.0%}; check order, slot_us, triggers, thresholds and constant_light."
         )
         return
-    warn_of_hot_pixels(seen, fitted)
-    for name, values in sensor_summary(seen.recording, fitted).items():
+    warn_of_pixels(world, fitted)
+    for name, values in threshold_summary(world.recording, fitted).items():
         if abs(np.log(values["found"] / values["told"])) > WRONG_THRESHOLD:
             warn(
                 f"{source}: {name} is told as {values['told']:.3g} but the events say "
@@ -58,13 +52,15 @@ def warn_of_what_was_found(ring: RingScene, seen: Observations, fitted: Fitted) 
             )
 
 
-def warn_of_hot_pixels(seen: Observations, fitted: Fitted) -> None:
+def warn_of_pixels(world: World, fitted: Fitted) -> None:
     """Say how many pixels fire events that the light does not explain."""
     pixel = fitted.problem.pixel
-    contrary = seen.hot.ravel()[pixel] | (fitted.solution.noise_factor > CONTRARY)
+    contrary = fitted.solution.noise_factor > CONTRARY
+    if world.hot is not None:
+        contrary = contrary | world.hot.ravel()[pixel]
     if np.count_nonzero(contrary) < max(CONTRARY_COUNT, CONTRARY_SHARE * len(contrary)):
         return
-    count = np.diff(seen.pairs.offset.astype(np.int64))[pixel]
+    count = np.diff(world.pairs().offset.astype(np.int64))[pixel]
     often = np.median(count[contrary]) > 2 * np.median(count[~contrary]) if not contrary.all() else False
     cause = (
         "they fire more often than the others, so they are probably hot: mask them in the camera"
@@ -72,33 +68,33 @@ def warn_of_hot_pixels(seen: Observations, fitted: Fitted) -> None:
         else "gloss, a shadow that is not modelled, or other light may be the cause"
     )
     warn(
-        f"{seen.recording.source}: {contrary.mean():.0%} of the pixels fire events that the light of the ring does not explain; "
+        f"{world.recording.source}: {contrary.mean():.0%} of the pixels fire events that the light of the ring does not explain; "
         f"{cause}. Their values come from their neighbours."
     )
 
 
-def summarise(
-    ring: RingScene, settings: Settings, model: dict, seen: Observations, fitted: Fitted, refractory: dict
-) -> dict:
+def summarise(world: World, settings: Settings, fitted: Fitted, notes: dict) -> dict:
     """Give the summary of a fit, without its error against a truth.
 
     Parameters
     ----------
-    settings : Settings
-        What was asked.
-    model : dict of str
-        What was modelled, what was left out, and why.
-    refractory : dict
-        See `refractory.choose_refractory`.
+    notes : dict of str
+        What else to say of the model than the world's decisions.
     """
-    pairs, solution = seen.pairs, fitted.solution
+    pairs, solution = world.pairs(), fitted.solution
+    decisions = world.decisions.values()
+    found = {name: value for d in decisions for name, value in d.found.items() if name in SENSOR}
     return {
         "evsdr": __version__,
-        "scene": str(ring.path),
-        "events": str(seen.recording.source),
+        "scene": str(world.ring.path),
+        "events": world.recording.source,
         "solver": settings.solver,
         "preset": settings.preset,
-        "model": model,
+        "model": {d.effect: d.why for d in decisions} | notes | model_notes(world, settings, solution),
+        "effects": {
+            d.effect: {"modelled": d.modelled, "expected_deg": d.expected_deg, "found": d.found}
+            for d in decisions
+        },
         "numbers": {
             "events": pairs.n_event,
             "pairs": int(pairs.offset[-1]),
@@ -107,12 +103,21 @@ def summarise(
             "pixels_known": int(np.count_nonzero(fitted.maps.mask)),
             "steps": solution.n_step,
         },
-        "sensor": sensor_summary(seen.recording, fitted) | {"refractory_us": refractory},
+        "sensor": threshold_summary(world.recording, fitted) | found,
         "residual": {"relative_threshold_noise": solution.noise},
     }
 
 
-def sensor_summary(recording: Recording, fitted: Fitted) -> dict:
+def model_notes(world: World, settings: Settings, solution) -> dict:
+    """Say what of the model is no effect."""
+    return {
+        "bands": band_note(world.recording, world.ring),
+        **solver_notes(settings, solution),
+        "scale": scale_note(world.ring),
+    }
+
+
+def threshold_summary(recording: Recording, fitted: Fitted) -> dict:
     """Say which thresholds were found, how they scatter over the pixels, and how well one is known."""
     solution, known = fitted.solution, fitted.maps.mask.ravel()[fitted.problem.pixel]
     if solution.threshold_gain is None or not known.any():

@@ -23,9 +23,9 @@ class Settings:
     """LEDs at finite distance: direction and fall-off per pixel, one for all pixels, or decided from the parallax."""
     light_paths: Literal["auto", "direct", "indirect"] = "auto"
     """Light by way of other surfaces; auto models it where max_depth of the scene is above 1 and it counts."""
-    gloss: Literal["auto", "off", "lobe", "blinn-phong", "gate"] = "auto"
-    """Highlights: left out, a rough dielectric coating or a Blinn-Phong lobe fitted with the maps, the angular gate of
-    the EventSpecPS paper, or decided from the residuals: the coating, or nothing."""
+    gloss: Literal["auto", "off", "lobe", "blinn-phong"] = "auto"
+    """Highlights: left out, a rough dielectric coating or a Blinn-Phong lobe fitted with the maps, or decided from the
+    residuals: the coating, or nothing."""
     thresholds: Literal["auto", "known", "estimate"] = "auto"
     """Contrast thresholds: as the recording tells, or estimated per pixel; auto estimates them where it tells
     one value for all pixels."""
@@ -41,6 +41,8 @@ class Settings:
     """Start value of the normals."""
     seed: int = 0
     """Seed of everything random."""
+    limit_deg: float = 0.05
+    """Mean error of the normals [deg] from which auto models an effect."""
 
 
 def check_settings(settings: Settings) -> None:
@@ -57,6 +59,8 @@ def check_settings(settings: Settings) -> None:
             raise InputError(f"{name} is {chosen!r}; choose one of {', '.join(get_args(kind))}.")
     check_priors(settings.priors, "priors")
     check_range("seed", settings.seed, 0)
+    if not settings.limit_deg > 0:
+        raise InputError(f"limit_deg is {settings.limit_deg:g}; give degrees above 0.")
 
 
 def check_priors(priors: tuple[str, ...], what: str) -> None:

@@ -1,32 +1,52 @@
-"""The story of a fit: look, decide, solve, and say what was found."""
+"""The story of a fit: decide on each effect, model those that count, solve, and say what was found."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from evsdr.effects import (
-    geometry,
-    hot_pixels,
-    lag,
-    light_choice,
-    refractory,
-    thresholds,
-    transport,
-    wiring,
-)
-from evsdr.effects.gloss import solve_gloss
-from evsdr.effects.world import Observations
-from evsdr.errors import InputError
-from evsdr.events.pairs import pair_events
-from evsdr.fitting import decoder, report
+from evsdr.effects import geometry
+from evsdr.effects.gloss import GlossyLobes
+from evsdr.effects.hot_pixels import HotPixels
+from evsdr.effects.indirect import IndirectLight
+from evsdr.effects.lag import PhotoreceptorLag
+from evsdr.effects.near_leds import DepthOfNearLeds, NearLeds
+from evsdr.effects.rays import Rays, RaysOnFit
+from evsdr.effects.refractory import Refractory
+from evsdr.effects.sensitivity import mean_error
+from evsdr.effects.shadows import Shadows, ShadowsOnFit
+from evsdr.effects.thresholds import Thresholds
+from evsdr.effects.wiring import Wiring
+from evsdr.effects.world import ROUND_RAYS, TRIAL_RAYS, Fitted, Terms, World
+from evsdr.fitting import report
 from evsdr.fitting.checks import check_fit, object_mask
+from evsdr.fitting.decoder import Decoder, start_normals
 from evsdr.fitting.entrance import Fit
 from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
-from evsdr.light.camera import view_directions
 from evsdr.light.scene import RingScene
+from evsdr.light.tracing import trace_illumination
 from evsdr.progress import Seconds
 from evsdr.records import Recording
+
+EFFECTS = (
+    NearLeds(),
+    Shadows(),
+    Rays(),
+    HotPixels(),
+    Thresholds(),
+    Refractory(),
+    Wiring(),
+    PhotoreceptorLag(),
+    ShadowsOnFit(),
+    DepthOfNearLeds(),
+    RaysOnFit(),
+    IndirectLight(),
+    GlossyLobes(),
+)
+MOST_ROUNDS = 3  # of tracing and fitting
+SETTLED = 0.1  # of the first round's change, below which light has settled
 
 
 def fit_recording(
@@ -38,77 +58,81 @@ def fit_recording(
 ) -> Fit:
     """Fit a recording of a scene; arguments as of `entrance.fit`, whose work this is."""
     check_fit(ring, recording, settings)
-    preset = PRESETS[settings.preset]
+    preset, lm = PRESETS[settings.preset], settings.solver == "lm"
+    terms = Terms(settings.solver, preset.thorough and lm, settings.limit_deg, preset.rays, settings.seed + 1)
     with stages.stage("trace light"):
-        asked = light_choice.Asked(
-            settings.shadows, settings.leds, settings.light_paths, preset.rays, settings.seed + 1
-        )
-        traced = light_choice.first_light(ring, asked)
-        light, mask = traced.illumination, object_mask(ring, traced.coverage, wanted)
-        geometry.check_light(ring, traced, mask, ring.path)
-        geometry.check_pieces(ring, asked, mask, ring.path)
-        start_normal = decoder.start_normals(ring, settings.init)
+        _, coverage = trace_illumination(ring, TRIAL_RAYS, False, terms.seed)
+        world = World.before_a_fit(ring, recording, object_mask(ring, coverage, wanted), terms)
     with stages.stage("pair events"):
-        try:
-            pairs = pair_events(recording, mask)
-        except InputError as error:
-            raise InputError(f"{recording.source}: {error}") from error
+        world.pairs()
     with stages.stage("check recording"):
-        seen = Observations(recording, mask, pairs, hot_pixels.impossible_rate(recording, light))
-        unknown, threshold_note = thresholds.choose_thresholds(
-            settings.thresholds, settings.solver, recording, ring
-        )
-        seen, period = refractory.choose_refractory(settings.refractory, seen, light, unknown)
-    solve = decoder.Decoder(ring, settings, start_normal, unknown)
-    late, lag_note = lag.looks_for_lag(settings.lag, settings.solver, preset.thorough)
-    found = None
-    purpose = "alone" if late else "whole"
+        world, _ = decide("scene", world, None, settings)
+        geometry.check_light(world)
+    solve = Decoder(ring, settings, start_normals(ring, settings.init), world.thresholds)
+    first = "alone" if terms.thorough else "whole"
     with stages.stage("solve") as advance:
-        fitted = solve(seen.under(light), None, purpose, advance)
-        fault = None
-        if settings.solver == "lm":
-            fault = wiring.find_fault(fitted.problem.pairs, fitted.problem.illumination, fitted.solution)
-        if fault:
-            report.warn_of_fault(recording.source, fault)
-            seen = seen.in_order(fault.mend(seen.recording.schedule.order))
-            fitted = solve(seen.under(light), None, purpose, advance)
-    if late:
-        with stages.stage("lag, neighbours") as advance:
-            known = seen.recording, fitted.problem, fitted.solution
-            purpose, found = "learn", lag.find_lag(*known, unknown)
-            if found:
-                purpose, lag_note = "again", str(found)
-                seen = seen.behind(lag.photoreceptors(*known, found))
-            fitted = solve(seen.under(light), fitted, purpose, advance)
+        fitted = solve(world.problem(), None, first, advance)
+        world, changed = decide("anew", world, fitted, settings)
+        if changed:
+            fitted = solve(world.problem(), None, first, advance)
+    with stages.stage("neighbours") as advance:
+        world, changed = decide("alone", world, fitted, settings)
+        if changed or terms.thorough:
+            purpose = "again" if changed else "learn"
+            fitted = solve(world.problem(fitted), fitted, purpose, advance)
+    notes = {}
     with stages.stage("settle light") as advance:
-
-        def refit(light, fitted, quick):
-            if quick or not found:
-                return solve(seen.under(light), fitted, "quick" if quick else "light", advance)
-            receptors = lag.photoreceptors(seen.recording, fitted.problem, fitted.solution, found)
-            return solve(seen.behind(receptors).under(light), fitted, "light", advance)
-
-        traced, fitted = transport.settle(ring, traced, asked, fitted, refit, advance)
-    gloss = "angular gate, as published" if settings.solver == "adam" else "not looked for by the preset fast"
-    if settings.solver == "lm" and (preset.thorough or settings.gloss != "auto"):
-        with stages.stage("gloss") as advance:
-            view = view_directions(ring, fitted.problem.pixel)
-            effort = decoder.choose_effort(settings)
-            solution, gloss = solve_gloss(
-                settings.gloss, fitted.problem, fitted.solution, effort, view, advance
-            )
-            fitted = solve.fitted(fitted.problem, solution)
+        first_light = world.illumination()
+        world, changed = decide("together", world, fitted, settings)
+        if world.light_follows_fit:
+            fitted, notes = settle(world, first_light, fitted, solve, advance)
+        if changed:
+            fitted = solve(world.problem(fitted), fitted, "light", advance)
+    with stages.stage("residuals") as advance:
+        for _ in range(2):
+            world, changed = decide("settled", world, fitted, settings)
+            if changed:
+                fitted = solve(world.problem(fitted), fitted, "model", advance)
     with stages.stage("surface"):
-        surface = transport.surface_of(ring, fitted) if fitted.maps.mask.any() else {}
-    geometry.check_normals(ring, traced, asked, fitted.maps, ring.path)
-    report.warn_of_what_was_found(ring, seen, fitted)
-    notes = traced.notes | {
-        "bands": report.band_note(seen.recording, ring),
-        "gloss": gloss,
-        **report.solver_notes(settings, fitted.solution),
-        "contrast thresholds": threshold_note,
-        "photoreceptor lag": lag_note,
-        "scale": report.scale_note(ring),
-    }
-    summary = report.summarise(ring, settings, notes, seen, fitted, period)
-    return Fit(fitted.maps, fitted.solution, summary, surface)
+        surface = world.surface.files(fitted) if fitted.maps.mask.any() else {}
+    geometry.check_pieces(world)
+    geometry.check_normals(world, fitted.maps)
+    report.warn_of_what_was_found(world, fitted)
+    summary = report.summarise(world, settings, fitted, notes)
+    return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface)
+
+
+def decide(when: str, world: World, fitted: Fitted | None, settings: Settings) -> tuple[World, bool]:
+    """Decide on all effects of a time, in order; gives the world with those that count, and whether any does."""
+    changed = False
+    for effect in EFFECTS:
+        if effect.when != when:
+            continue
+        decision = effect.decide(getattr(settings, effect.option, "auto"), world, fitted)
+        if decision is None:
+            continue
+        world = replace(world, decisions=world.decisions | {decision.effect: decision})
+        if decision.modelled:
+            world, changed = effect.model(world, decision), True
+    return world, changed
+
+
+def settle(
+    world: World, light, fitted: Fitted, solve: Decoder, progress: Callable[[str, float], None]
+) -> tuple[Fitted, dict]:
+    """Trace light on what was fitted and fit again, until the light no longer changes; `light` is that before."""
+    first = 0.0
+    for round_ in range(MOST_ROUNDS):
+        new = world.illumination(fitted, ROUND_RAYS)
+        change = mean_error(world.look(fitted), light, new)
+        first = first if round_ else change
+        if change < max(world.terms.limit_deg, SETTLED * first):
+            break
+        light = new
+        fitted = solve(world.problem(fitted, ROUND_RAYS), fitted, "quick", progress)
+        progress("light and shape", (round_ + 1) / MOST_ROUNDS)
+    note = (
+        f"{round_ + 1}: tracing anew would turn normals by {change:.2g} degrees in the last, "
+        f"{first:.2g} in the first"
+    )
+    return fitted, {"rounds of light and shape": note}

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import drjit as dr
+import numpy as np
 
 HARD = 1e-3  # softness of a horizon that is hard for all purposes
 OF_SPREAD = 0.8  # softness of a horizon over which n . l is spread, see `pixel_horizon`
@@ -58,6 +59,43 @@ class Illumination:
         indirect = None if self.indirect is None else [pick(e) for e in self.indirect]
         dr.make_opaque(direction, irradiance, indirect)
         return replace(self, direction=direction, irradiance=irradiance, indirect=indirect)
+
+    def far(self, whole: "Illumination", pixel: np.ndarray) -> "Illumination":
+        """Give every LED one direction and one irradiance, the means over some pixels; visibility stays.
+
+        Parameters
+        ----------
+        whole : Illumination
+            The same light without cast shadows.
+        pixel : (n,) int
+            The pixels.
+        """
+        direction, irradiance = [], []
+        for d, e, unblocked in zip(self.direction, self.irradiance, whole.irradiance):
+            arriving = np.stack([c.numpy() for c in d])
+            if arriving.shape[1] == 1:
+                direction.append(d)
+                irradiance.append(e)
+                continue
+            mean = arriving[:, pixel].mean(axis=1)
+            level = float(unblocked.numpy()[pixel].mean())
+            direction.append(type(d)(*(mean / np.linalg.norm(mean)).tolist()))
+            share = dr.select(unblocked > 0, e / dr.maximum(unblocked, 1e-20), 0.0)
+            irradiance.append(type(e)(level) if e is unblocked else level * share)
+        return replace(self, direction=direction, irradiance=irradiance)
+
+    def beside(self, other: "Illumination", n_pixel: int) -> "Illumination":
+        """Join the direct light of the same pixels in two cases, one behind the other."""
+        Float = type(self.irradiance[0])
+
+        def join(a, b):
+            return dr.concat((a + dr.zeros(Float, n_pixel), b + dr.zeros(Float, n_pixel)))
+
+        direction = [
+            type(a)(*(join(a[k], b[k]) for k in range(3))) for a, b in zip(self.direction, other.direction)
+        ]
+        irradiance = [join(a, b) for a, b in zip(self.irradiance, other.irradiance)]
+        return replace(self, direction=direction, irradiance=irradiance)
 
 
 def pixel_horizon(p, q, grid):

@@ -8,6 +8,7 @@ Nothing here knows Mitsuba; arrays of any Dr.Jit backend will do.
 from dataclasses import dataclass
 
 import drjit as dr
+import numpy as np
 
 from evsdr.model.illumination import Illumination
 
@@ -90,3 +91,25 @@ class LambertianRing:
         if light.indirect is not None:
             signal = [a + reflectance[b] * e for a, b, e in zip(signal, light.band, light.indirect)]
         return signal, by_p, by_q
+
+
+def signals_of(model, theta: np.ndarray) -> np.ndarray:
+    """Give the signals that a forward model predicts.
+
+    Parameters
+    ----------
+    model : LambertianRing or GlossyRing
+    theta : (n_pixel, 2 + n_band) float
+        Slopes and log reflectances.
+
+    Returns
+    -------
+    (n_led + 1, n_pixel) float64
+        A_xj; the last row is darkness.
+    """
+    light = model.illumination
+    Float = type(light.constant_light)
+    p, q, *logs = (Float(np.ascontiguousarray(c, np.float32)) for c in theta.T)
+    signal = model(p, q, [dr.exp(t) for t in logs], Float(light.horizon))[0]
+    rows = [np.broadcast_to(s.numpy(), len(theta)) for s in signal]
+    return np.stack([*rows, np.zeros(len(theta))])

@@ -6,7 +6,9 @@ import drjit as dr
 import numpy as np
 
 from evsdr.events.pairs import Pairs
+from evsdr.model.gloss import GlossyRing
 from evsdr.model.illumination import Illumination
+from evsdr.model.lambert import LambertianRing
 from evsdr.records import Recording
 from evsdr.solve.grid import Grid, make_grid
 from evsdr.solve.pair_data import PairData, pack_phases, pack_slots
@@ -30,6 +32,10 @@ class Problem:
         What the LEDs send to them; its constant light is above 0.
     grid : Grid
         Their neighbours.
+    lobe : BlinnPhong or RoughCoating, optional
+        Their gloss.
+    view : Array3f, optional
+        Unit vectors from surface to camera, see `GlossyRing`.
     """
 
     pixel: np.ndarray
@@ -37,10 +43,19 @@ class Problem:
     pairs: PairData
     illumination: Illumination
     grid: Grid
+    lobe: object = None
+    view: object = None
 
     @property
     def n_pixel(self) -> int:
         return len(self.pixel)
+
+    @property
+    def model(self) -> LambertianRing | GlossyRing:
+        """The forward model."""
+        if self.lobe is None:
+            return LambertianRing(self.illumination)
+        return GlossyRing(self.illumination, self.lobe, self.view)
 
 
 def make_problem(

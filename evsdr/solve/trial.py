@@ -1,17 +1,23 @@
 """Try several readings of the same events on a few pixels, all in one solve."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import numpy as np
 
+from evsdr.events.pairs import pair_events
+from evsdr.events.photoreceptor import Photoreceptors
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
+from evsdr.records import Recording
 from evsdr.solve import levenberg
 from evsdr.solve.grid import NEXT, Grid
-from evsdr.solve.pair_data import PairData
+from evsdr.solve.pair_data import PairData, pack_phases, pack_slots
+from evsdr.solve.problem import Problem
 
 QUICK = replace(levenberg.PRESETS["fast"], silence=False, priors=None, n_sweep=0, n_final=8)
+FINE = np.linspace(-0.6, 0.6, 7)  # around the best candidate, relative to the distance of its neighbours
 
 
 def of_pixels(pairs: PairData, pixel: np.ndarray) -> PairData:
@@ -89,3 +95,83 @@ def solve(
     nowhere = {place: dr.full(dr.mask_t(Float), False, n_pixel) for place in NEXT}
     alone = Grid(np.ones((1, n_pixel), bool), itself, nowhere)
     return levenberg.solve(LambertianRing(there), tried, light.constant_light, start, alone, QUICK)
+
+
+# ---------------------------------------------------------------------- other readings of the events
+
+
+def of_recording(recording: Recording, problem: Problem, row: np.ndarray) -> Recording:
+    """Keep the events of some pixels of a problem."""
+    events = recording.events
+    chosen = np.zeros(problem.grid.mask.shape, bool)
+    chosen.ravel()[problem.pixel[row]] = True
+    keep = chosen[events.y, events.x]
+    parts = {name: getattr(events, name)[keep] for name in ("x", "y", "p", "t")}
+    return replace(recording, events=replace(events, **parts))
+
+
+def read(
+    few: Recording, problem: Problem, row: np.ndarray, receptors: Photoreceptors | None = None
+) -> PairData:
+    """Pair the events of some pixels of a problem anew; `few` is their recording, maybe put right."""
+    known = problem.pairs
+    Float, UInt32 = type(known.phases), type(known.offset)
+    pairs = pair_events(few, None, receptors)
+    count = np.diff(pairs.offset.astype(np.int64))[problem.pixel[row]]
+    return PairData(
+        offset=UInt32(np.append(0, np.cumsum(count)).astype(np.uint32)),
+        phases=Float(pack_phases(pairs.phase_start, pairs.phase_end, pairs.polarity)),
+        threshold_on=Float(known.threshold_on.numpy()[row]),
+        threshold_off=Float(known.threshold_off.numpy()[row]),
+        slot_leds=UInt32(pack_slots(few.schedule.order, problem.illumination.n_led)),
+    )
+
+
+@dataclass(frozen=True)
+class Smallest:
+    """The number of smallest cost, one standard deviation, and by how much the first candidate costs more."""
+
+    value: float
+    sigma: float
+    gain: float
+
+
+def search_scalar(
+    costs: Callable[[np.ndarray], np.ndarray], candidates: np.ndarray, n_refine: int = 1
+) -> Smallest:
+    """Find the number, 0 or more, of smallest cost.
+
+    Parameters
+    ----------
+    costs : callable (n,) -> (n,)
+        Negative logarithm of the likelihood of each number, up to a constant.
+    candidates : (n,) float
+        Growing; the best of them is refined by the vertex of a parabola.
+    n_refine : int
+        Parabolas, one narrower than the other.
+    """
+    candidates = np.asarray(candidates, float)
+    cost = costs(candidates)
+    best = int(np.argmin(cost))
+    step = np.diff(candidates[max(best - 1, 0) : best + 2]).max(initial=0.0)
+    around = np.clip(best - 1, 0, max(len(candidates) - 3, 0)) + np.arange(min(3, len(candidates)))
+    value, sigma = _vertex(candidates[around], cost[around]) or (candidates[best], step)
+    centre = candidates[best]
+    for _ in range(n_refine if step else 0):
+        fine = np.unique(np.clip(centre + step * FINE, 0, None))
+        vertex = _vertex(fine, costs(fine))
+        if vertex is None:  # few and contrary events: the coarse ones have to do
+            break
+        (value, sigma), step = vertex, step / 3
+        centre = value
+    return Smallest(float(value), float(sigma), float(cost[0] - cost[best]))
+
+
+def _vertex(x: np.ndarray, cost: np.ndarray) -> tuple[float, float] | None:
+    """Give the vertex of the parabola through costs and its standard deviation; None if it has no bottom."""
+    if len(x) < 3:
+        return None
+    _, slope, bend = np.polynomial.Polynomial.fit(x, cost, 2).convert().coef
+    if bend <= 0:
+        return None
+    return float(np.clip(-0.5 * slope / bend, x[0], x[-1])), float((2 * bend) ** -0.5)

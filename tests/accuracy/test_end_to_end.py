@@ -45,14 +45,14 @@ def test_cast_shadow_of_the_pole(folder):
     """Traced, the pole's shadow costs little; left out, much."""
     assert simulate.main(["scenes/sphere_pole.xml", "--out", str(folder / "pole"), *NOISY]) == 0
     truth = np.load(folder / "pole" / "truth.npz")
-    from evsdr.effects import light_choice
+    from evsdr.effects.shadows import FACING
     from evsdr.light import scene, tracing
 
     ring = scene.load_scene("scenes/sphere_pole.xml", {"size": "64"})
     light, _ = tracing.trace_illumination(ring, 16, True)
     irradiance = np.array([e.numpy().reshape(64, 64) for e in light.irradiance])
     cosine = np.einsum("hwk,jk->jhw", truth["normal"], ring_directions())
-    shadow = ((irradiance < 0.99) & (cosine > light_choice.FACING)).any(axis=0) & truth["mask"]
+    shadow = ((irradiance < 0.99) & (cosine > FACING)).any(axis=0) & truth["mask"]
     assert 0.1 < shadow.sum() / truth["mask"].sum() < 0.5
 
     error = {}

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from evsdr.commands import fit, simulate
-from evsdr.effects import transport
+from evsdr.effects import surface
 from evsdr.metrics import angular_error_deg
 from evsdr.shape.traced import traced_mesh
 from tests.conftest import REPOSITORY
@@ -98,7 +98,7 @@ def test_events_overrule_shadows_of_a_wrong_surface(recorded, tmp_path, monkeypa
         spike = np.random.default_rng(0).random(len(position)) < 0.01
         return position + spike[:, None] * [0, 0, 0.3], face
 
-    monkeypatch.setattr(transport, "traced_mesh", with_spikes)
+    monkeypatch.setattr(surface, "traced_mesh", with_spikes)
     text = scene(shape=PLANE, light=LIGHT, sensor=SENSOR)
     summary, _ = run(folder, tmp_path, text, "--mask", str(tmp_path / "mask.npy"))
     note = summary["model"]["cast shadows"]

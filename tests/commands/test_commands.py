@@ -14,6 +14,7 @@ import pytest
 from evsdr.commands import fit
 from evsdr.files import results
 from evsdr.fitting import decoder
+from evsdr.solve import problem
 from tests.conftest import REPOSITORY
 from tests.support.command_line import change, contents, read
 from tests.support.small_scene import DIFFUSE, HEIGHT, WIDTH, scene
@@ -43,13 +44,13 @@ def interrupt(*_):
 def test_no_garbage_is_collected_while_the_solver_records(commands, monkeypatch):
     """An old scene freed there makes Dr.Jit abort the process."""
 
-    class Ring(decoder.LambertianRing):
+    class Ring(problem.LambertianRing):
         def __call__(self, *argv):
             collects.add(gc.isenabled())
             return super().__call__(*argv)
 
     collects = set()
-    monkeypatch.setattr(decoder, "LambertianRing", Ring)
+    monkeypatch.setattr(problem, "LambertianRing", Ring)
     assert commands.fit()[0] == 0
     assert collects == {False} and gc.isenabled()
 

@@ -1,15 +1,16 @@
-"""What a fit does about gloss: matt, coated, and told to leave it."""
+"""What a fit decides on gloss: matt, coated, and told to leave it."""
 
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 
+import mitsuba as mi
 import pytest
 
-from evsdr.effects.gloss import solve_gloss
-from evsdr.solve import levenberg
+from evsdr.effects.gloss import GlossyLobes, find_gloss
+from evsdr.effects.world import Terms
 from tests.support.glossy import KINDS, mean_error, sphere
 from tests.support.sphere import solve
-
-ALONE = levenberg.Effort(priors=None)
 
 
 @pytest.fixture(scope="module")
@@ -18,42 +19,54 @@ def coated():
     return problem, normal, solve(problem)
 
 
+def glossy(problem, decision, solution):
+    """Solve with the lobes that were decided on."""
+    problem = replace(problem, lobe=decision.answer.lobe(mi.Float))
+    return solve(problem, start=[mi.Float(c) for c in solution.theta.T], model=problem.model)
+
+
 def test_a_matt_surface_stays_as_it_is():
     problem, _, _, _ = sphere(size=32)
-    matt = solve(problem)
-    solution, note = solve_gloss("auto", problem, matt, ALONE)
-    assert solution is matt and note.startswith("not modelled: the residuals show")
-
-
-def test_off_leaves_gloss_alone(coated):
-    problem, _, matt = coated
-    solution, note = solve_gloss("off", problem, matt, ALONE)
-    assert solution is matt and "--gloss off" in note
+    decision = find_gloss("auto", problem, solve(problem), 0.05)
+    assert not decision.modelled and decision.why.startswith("not modelled: the residuals show")
 
 
 def test_a_coating_is_found_and_mends_the_normals(coated):
     problem, normal, matt = coated
-    solution, note = solve_gloss("auto", problem, matt, ALONE)
-    assert note.startswith("rough dielectric coating, alpha") and "would cost" in note
+    decision = find_gloss("auto", problem, matt, 0.05)
+    assert decision.modelled and decision.expected_deg > 0.05
+    assert decision.why.startswith("rough dielectric coating, alpha") and "would cost" in decision.why
+    solution = glossy(problem, decision, matt)
     assert mean_error(solution.theta, normal) < 0.6 * mean_error(matt.theta, normal)
-    assert solution.n_step > matt.n_step
+    refined = find_gloss("auto", problem, solution, 0.05, decision)
+    assert refined.expected_deg == decision.expected_deg
+    assert refined.found["alpha"] == pytest.approx(decision.found["alpha"], rel=0.2)
 
 
 def test_the_published_lobe_on_request():
     kind, shape, strength = KINDS[0]
     problem, normal, _, _ = sphere([KINDS[0]])
     matt = solve(problem)
-    solution, note = solve_gloss("blinn-phong", problem, matt, ALONE)
+    decision = find_gloss("blinn-phong", problem, matt, 0.05)
     found = re.fullmatch(
-        r"Blinn-Phong lobe, shininess (\S+) strength (\S+): asked for by --gloss blinn-phong", note
+        r"Blinn-Phong lobe, shininess (\S+) strength (\S+): asked for by --gloss blinn-phong", decision.why
     )
     assert float(found[1]) == pytest.approx(shape, rel=0.1)
     assert float(found[2]) == pytest.approx(strength, rel=0.1)
-    assert mean_error(solution.theta, normal) < 0.6 * mean_error(matt.theta, normal)
+    assert mean_error(glossy(problem, decision, matt).theta, normal) < 0.6 * mean_error(matt.theta, normal)
 
 
-def test_the_gate_counts_highlights_less(coated):
-    problem, normal, matt = coated
-    solution, note = solve_gloss("gate", problem, matt, ALONE)
-    assert "angular gate" in note
-    assert mean_error(solution.theta, normal) < mean_error(matt.theta, normal)
+@pytest.mark.parametrize(
+    ("asked", "terms", "words"),
+    [
+        ("off", Terms(), "asked for by --gloss off"),
+        ("auto", Terms(thorough=False), "preset fast"),
+        ("auto", Terms(solver="adam", thorough=False), "as published"),
+    ],
+)
+def test_when_no_gloss_is_looked_for(asked, terms, words):
+    world = SimpleNamespace(decisions={}, terms=terms)
+    decision = GlossyLobes().decide(asked, world, None)
+    assert not decision.modelled and words in decision.why
+    world.decisions["gloss"] = decision
+    assert GlossyLobes().decide(asked, world, None) is None

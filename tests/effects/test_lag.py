@@ -1,12 +1,14 @@
 """Events that come late in dim light: found, moved back, and left alone where there are none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.effects.lag import find_lag, photoreceptors
+from evsdr.effects.lag import PhotoreceptorLag, find_lag, photoreceptors
+from evsdr.effects.world import Terms
 from evsdr.events.pairs import pair_events
 from evsdr.events.pixel import EventPixel
 from evsdr.events.record import record, ring_schedule
@@ -17,6 +19,7 @@ from evsdr.solve import levenberg
 from evsdr.solve.problem import make_problem
 from evsdr.solve.unknowns import to_theta
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
+from tests.support.worlds import SmallWorld
 
 C_W = 0.05
 CUTOFF_HZ = 3000.0
@@ -97,3 +100,32 @@ def test_a_few_pixels_tell_no_lag(late):
     few = replace(recording, events=events)
     problem, solution = solve(few, light, mask)
     assert find_lag(few, problem, solution, False) is None
+
+
+@pytest.mark.parametrize("limit_deg", [0.05, 50.0])
+def test_a_lag_is_modelled_if_it_turns_normals_by_more_than_the_limit(late, limit_deg):
+    recording, light, mask, normal, problem, solution = late
+    world = SmallWorld(recording, terms=Terms(limit_deg=limit_deg))
+    decision = PhotoreceptorLag().decide("auto", world, SimpleNamespace(problem=problem, solution=solution))
+    assert decision.modelled == (limit_deg < 1) and set(decision.found) == {"tau_us", "tau_sigma_us", "noise"}
+    receptors = photoreceptors(recording, problem, solution, decision.answer)
+    mended = solve(recording, light, mask, receptors)[1]
+    turned = angular_error_deg(*([[-p, -q, 1] for p, q in s.theta[:, :2]] for s in (solution, mended))).mean()
+    assert 0.4 < decision.expected_deg / turned < 2.5  # of few events of few pixels
+    assert decision.why.startswith(
+        "modelled: events are " if decision.modelled else "not modelled: lag, left"
+    )
+    assert PhotoreceptorLag().model(world, decision).lag is decision.answer
+
+
+@pytest.mark.parametrize(
+    ("asked", "terms", "words"),
+    [
+        ("off", Terms(), "asked for by --lag off"),
+        ("auto", Terms(thorough=False), "preset fast"),
+        ("auto", Terms(solver="adam", thorough=False), "solver adam"),
+    ],
+)
+def test_when_no_lag_is_looked_for(asked, terms, words):
+    decision = PhotoreceptorLag().decide(asked, SmallWorld(None, terms=terms), None)
+    assert not decision.modelled and decision.why.endswith(words)

@@ -1,23 +1,18 @@
-from dataclasses import replace
+"""Dead and swapped LEDs are named by the events that contradict them, and mended."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from evsdr.effects.hot_pixels import impossible_rate
-from evsdr.effects.refractory import find_refractory
-from evsdr.effects.wiring import SUSPICIOUS, Fault, find_fault, led_residuals
-from evsdr.events.pairs import pair_events
+from evsdr.effects.wiring import SUSPICIOUS, Fault, Wiring, find_fault, led_residuals
+from evsdr.effects.world import Terms
+from evsdr.errors import InputWarning
 from evsdr.solve import levenberg
-from evsdr.solve.problem import make_problem
-from tests.support.sphere import SPECTRUM, errors, solve, sphere_recording
+from tests.support.sphere import errors, solve, sphere_recording
+from tests.support.worlds import SmallWorld, problem_of
 
 SIZE, NOISE = 32, {"event_noise": 0.1}
-
-
-def problem_of(recording, light, mask, order=None):
-    if order is not None:
-        recording = replace(recording, schedule=replace(recording.schedule, order=order))
-    return make_problem(recording, pair_events(recording, mask), light, mask)
 
 
 def test_a_sound_recording_raises_no_doubt():
@@ -58,28 +53,17 @@ def test_mending_an_order():
     assert str(Fault((1, 2))) == "LEDs 1 and 2 are swapped"
 
 
-def test_pixels_busier_than_any_surface_are_hot():
-    recording, light, _, mask = sphere_recording(SIZE, hot_fraction=0.33, hot_hz=3000.0, **NOISE)
-    hot = impossible_rate(recording, light)
-    count = np.zeros((SIZE, SIZE))
-    np.add.at(count, (recording.events.y, recording.events.x), 1)
-    assert 0.25 < hot[mask].mean() < 0.4
-    assert count[hot].min() > count[~hot].max()
-    sound, light, _, _ = sphere_recording(SIZE, spectrum=np.ones_like(SPECTRUM), **NOISE)
-    assert not impossible_rate(sound, light).any()
+def test_a_fault_is_warned_of_and_mended():
+    recording, light, _, mask = sphere_recording(SIZE, dead=(5,), **NOISE)
+    problem = problem_of(recording, light, mask)
+    fitted = SimpleNamespace(problem=problem, solution=solve(problem, levenberg.Effort()))
+    with pytest.warns(InputWarning, match="^the recording: LED 5 gives no light, say the events"):
+        decision = Wiring().decide("auto", SmallWorld(recording), fitted)
+    assert decision.modelled and decision.found == {"leds": [5]}
+    order = Wiring().model(SmallWorld(recording), decision).recording.schedule.order
+    np.testing.assert_array_equal(np.flatnonzero(order < 0), [5])
 
 
-@pytest.mark.parametrize("true_us", [0.0, 300.0])
-def test_the_refractory_period_is_found(true_us):
-    recording, light, _, mask = sphere_recording(SIZE, refractory_us=true_us, **NOISE)
-    untold = replace(recording, sensor=replace(recording.sensor, refractory_us=52.0))
-    found, sigma = find_refractory(untold, problem_of(untold, light, mask), thresholds=False)
-    assert found == pytest.approx(true_us, abs=2 * sigma)
-    assert sigma < 100
-
-
-def test_too_few_pixels_tell_no_refractory_period():
-    recording, light, _, mask = sphere_recording(SIZE, **NOISE)
-    few = np.zeros_like(mask)
-    few[SIZE // 2, SIZE // 2 - 3 : SIZE // 2 + 3] = True
-    assert find_refractory(recording, problem_of(recording, light, few), thresholds=False) is None
+def test_adam_looks_for_no_fault():
+    decision = Wiring().decide("auto", SmallWorld(None, terms=Terms(solver="adam")), None)
+    assert not decision.modelled and "solver adam" in decision.why

@@ -67,17 +67,9 @@ def test_a_mask_of_another_size_is_refused(given):
         evsdr.fit(*given, FAST, mask=np.zeros((HEIGHT, WIDTH)))
 
 
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ({"shadows": "dark"}, "shadows is 'dark'; choose one of auto, off"),
-        ({"priors": ("normal", "hope")}, "priors: there is no 'hope'"),
-        ({"seed": -1}, "seed is -1"),
-    ],
-)
-def test_bad_settings(given, setting, words):
-    with pytest.raises(evsdr.InputError, match=words):
-        evsdr.fit(*given, evsdr.Settings(**setting))
+def test_bad_settings_are_refused_before_the_work(given):
+    with pytest.raises(evsdr.InputError, match="shadows is 'dark'"):
+        evsdr.fit(*given, evsdr.Settings(shadows="dark"))
 
 
 def test_each_warning_is_given_once_and_listed():

@@ -1,0 +1,56 @@
+"""LEDs at finite distance: whether direction and fall-off are per pixel, and from which surface."""
+
+from dataclasses import replace
+
+from evsdr.effects.effect import Decision
+from evsdr.effects.sensitivity import against, mean_error
+from evsdr.effects.world import TRIAL_RAYS, Fitted, World
+
+NEAR, FAR = "near: direction and fall-off per pixel", "far: one direction for all pixels"
+
+
+class NearLeds:
+    """Direction and fall-off per pixel, on the scene's geometry or its placeholder."""
+
+    name, option, when = "LEDs", "leds", "scene"
+
+    def decide(self, asked: str, world: World, fitted: Fitted | None) -> Decision:
+        """Compare near light with the best far one."""
+        leds, look = world.ring.leds, world.look()
+        count = f"{leds.n_led} in {leds.n_band} bands"
+        if not world.ring.is_near:
+            return Decision(self.name, False, f"{count}, {FAR}")
+        if asked != "auto" or len(look.pixel) == 0:
+            near = asked != "far"
+            why = f"{count}, {NEAR if near else FAR}: asked for by --leds {asked}"
+            return Decision(self.name, near, why)
+        light = self.model(world).trace(False, TRIAL_RAYS)
+        error, limit = mean_error(look, light.far(light, look.pixel), light), world.terms.limit_deg
+        near = error > limit
+        why = f"{count}, {NEAR if near else FAR}; parallax {against(error, near, limit)}"
+        return Decision(self.name, near, why, error)
+
+    def model(self, world: World, decision: Decision | None = None) -> World:
+        """Trace direction and fall-off at each pixel."""
+        return replace(world, near=True)
+
+
+class DepthOfNearLeds:
+    """Near LEDs over an unknown shape: whether it matters that they are near to the surface of the fit."""
+
+    name, option, when = "LEDs", "shadows", "together"
+
+    def decide(self, asked: str, world: World, fitted: Fitted) -> Decision | None:
+        """Compare light on the placeholder with that on the surface of the fit."""
+        if not world.near or (world.ring.shape_is_known and asked != "estimate"):
+            return None
+        there = world.trace(False, TRIAL_RAYS, fitted)
+        error, limit = mean_error(world.look(fitted), world.illumination(), there), world.terms.limit_deg
+        moved = error > limit
+        where = "estimated depth" if moved else "placeholder's depth"
+        why = f"{world.decisions[self.name].why}; on the {where}: the other, {against(error, moved, limit)}"
+        return Decision(self.name, moved, why, error)
+
+    def model(self, world: World, decision: Decision) -> World:
+        """Trace light on the surface of the fit."""
+        return replace(world, moved=True)

@@ -1,0 +1,44 @@
+"""The surface of a fit: put in the place of the object to trace light on it, and written out."""
+
+from typing import TYPE_CHECKING
+
+from evsdr.light.camera import camera_geometry
+from evsdr.light.ground_truth import object_depth
+from evsdr.light.scene import RingScene, move_object, with_object
+from evsdr.shape.depth import Depth
+from evsdr.shape.traced import depth_of, surface_files, traced_mesh
+
+if TYPE_CHECKING:
+    from evsdr.effects.world import Fitted
+
+
+class FittedSurface:
+    """A scene whose object is replaced by the surface of one fit after another; its mesh is made once and moved."""
+
+    def __init__(self, ring: RingScene):
+        self.ring = ring
+        self.camera, self.to_world = camera_geometry(ring.sensor)
+        self._scene: RingScene | None = None
+        self._depth: Depth | None = None
+        self._fitted: "Fitted | None" = None
+        self._anchor = object_depth(ring)
+
+    def depth(self, fitted: "Fitted") -> Depth:
+        """Integrate the fitted normals."""
+        return depth_of(fitted.maps, fitted.problem.grid.mask, self.camera, self._anchor)
+
+    def follow(self, fitted: "Fitted", pixels: float) -> tuple[RingScene, float]:
+        """Give the scene with the surface of a fit, and the length of so many pixels there [scene units]."""
+        if fitted is not self._fitted:
+            self._fitted, self._depth = fitted, self.depth(fitted)
+            position, face = traced_mesh(self._depth, self.to_world)
+            if self._scene is None:
+                self._scene = with_object(self.ring, position, face)
+            else:
+                move_object(self._scene, position, face)
+        scale = self._depth.depth[self._depth.mask].mean() if self.camera.perspective else 1.0
+        return self._scene, pixels * min(self.camera.pixel_size) * float(scale)
+
+    def files(self, fitted: "Fitted") -> dict:
+        """Give what writes the surface's files."""
+        return surface_files(self.depth(fitted), fitted.maps, self.to_world)

@@ -1,0 +1,79 @@
+"""The world gives the problem to solve; what it knows already it does not work out again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from evsdr.effects.world import Memo
+from evsdr.errors import InputError
+from evsdr.files.events_h5 import read_recording
+from evsdr.model.gloss import GlossyRing
+from evsdr.model.lambert import LambertianRing
+from tests.support.small_scene import leds, scene
+from tests.support.worlds import load, world_of
+
+
+def test_a_memo_keeps_the_latest_by_identity():
+    memo, made = Memo(2), []
+    first, second = np.zeros(1), np.zeros(1)
+
+    def work(name):
+        return lambda: made.append(name) or name
+
+    assert memo("a", (first, 1), work("x")) == memo("a", (first, 1.0), work("y")) == "x"
+    assert memo("a", (second, 1), work("y")) == "y"
+    assert memo("b", (first, 1), work("z")) == "z"
+    assert memo("a", (first, 1), work("w")) == "x"
+    memo("a", (first, 2), work("v"))
+    assert memo("a", (second, 1), work("u")) == "u" and memo("a", (first, 2), work("t")) == "v"
+    assert made == ["x", "y", "z", "v", "u"]
+
+
+@pytest.fixture
+def world(tmp_path):
+    return world_of(load(tmp_path, scene(light=leds(distance=4))))
+
+
+def test_light_is_traced_once(world):
+    light = world.illumination()
+    assert world.illumination() is light and replace(world, rays=world.rays).illumination() is light
+    assert replace(world, rays=16).illumination() is not light
+    assert replace(world, near=True).illumination() is not light
+    assert world.trace(False, 4, seed=1) is not world.trace(False, 4)
+
+
+def test_shadows_of_a_fit_need_a_fit(world):
+    """Before there is one, light is that of the placeholder."""
+    unknown = replace(world, shadows="estimate")
+    assert unknown.on_fit and unknown.light_follows_fit and not world.light_follows_fit
+    assert unknown.illumination() is world.illumination()
+
+
+def test_the_problem_of_a_recording(place, world):
+    recording = read_recording(place / "events.h5")
+    world = replace(world, recording=recording)
+    problem = world.problem()
+    assert isinstance(problem.model, LambertianRing) and problem.n_pixel == world.mask.sum()
+    assert world.pairs() is world.pairs()
+    hot = np.zeros_like(world.mask)
+    hot.ravel()[problem.pixel[0]] = True
+    offsets = [p.pairs.offset.numpy() for p in (problem, replace(world, hot=hot).problem())]
+    assert offsets[0][1] > 0 and offsets[1][1] == 0
+
+
+def test_lobes_are_in_the_problem(place, world):
+    from evsdr.effects.gloss_fit import Gloss
+    from evsdr.model.gloss import RoughCoating
+
+    world = replace(world, recording=read_recording(place / "events.h5"))
+    label = np.zeros(world.mask.sum(), int)
+    glossy = replace(world, gloss=Gloss(RoughCoating, np.array([0.2]), np.array([0.5]), label))
+    assert isinstance(glossy.problem().model, GlossyRing)
+
+
+def test_a_recording_without_pairs_is_named(place, world):
+    recording = read_recording(place / "events.h5")
+    none = replace(world, recording=replace(recording, source="mine"), mask=np.zeros_like(world.mask))
+    with pytest.raises(InputError, match="^mine: No two events"):
+        none.pairs()
