@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.model.gloss import GlossyRing, RoughCoating
+from evsdr.model.gloss import BlinnPhong, GlossyRing, RoughCoating
 from evsdr.model.illumination import Illumination
 from tests.support.analytic import lambert_signals, ring_directions
 from tests.support.glossy import KINDS, floats, lobe_signals, unit_vectors, vectors
@@ -32,7 +32,7 @@ def test_the_coating_is_mitsubas(plugin, rng):
     np.testing.assert_allclose(value.numpy(), expected.numpy(), rtol=2e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize("kind, shape, strength", KINDS)
+@pytest.mark.parametrize("kind, shape, strength", [*KINDS, (BlinnPhong, 1.5, 0.3)])
 def test_signals_are_those_of_plain_numpy(kind, shape, strength, rng):
     """Lambertian part and lobe, LEDs behind the horizon included."""
     normal, direction = unit_vectors(rng, 300, 0.05), ring_directions()
@@ -46,6 +46,21 @@ def test_signals_are_those_of_plain_numpy(kind, shape, strength, rng):
     glossy = 2 * lobe_signals(kind, shape, strength, normal, direction)
     np.testing.assert_allclose([d.numpy() for d in diffuse], matt, atol=1e-5)
     np.testing.assert_allclose([s.numpy() for s in signal], matt + glossy, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind, shape, strength", KINDS)
+def test_each_pixel_is_seen_from_its_own_side(kind, shape, strength, rng):
+    """What the lobe adds depends on angles alone: normals, LED and camera may turn together."""
+    normal, view = unit_vectors(rng, 100, 0.5), unit_vectors(rng, 100, 1.0)
+    light = Illumination([vectors(unit_vectors(rng, 1, 1.0))], [mi.Float(2.0)], [0], None)
+    lobe = kind(mi.Float(shape), mi.Float(strength))
+    p, q = floats(*(-normal[:, :2] / normal[:, 2:]).T)
+    signal, _, _, diffuse = GlossyRing(light, lobe, vectors(view))(p, q, [mi.Float(0.5)], mi.Float(1e-6))
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turned = (vectors(v @ turn.T) for v in (normal, np.array(light.direction[0]).T, view))
+    expected = 2 * lobe(*turned)[0].numpy()
+    np.testing.assert_allclose(signal[0].numpy() - diffuse[0].numpy(), expected, rtol=1e-3, atol=1e-5)
+    assert np.ptp(expected) > 0.1
 
 
 @pytest.mark.parametrize("kind, shape, strength", KINDS)

@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.model.illumination import HARD, Illumination, pixel_horizon
+from evsdr.model.illumination import HARD, OF_SPREAD, Illumination, pixel_horizon
 from evsdr.model.lambert import soft_max0
 from evsdr.solve.grid import make_grid
 
@@ -50,6 +50,25 @@ def test_the_pixel_horizon_is_the_mean_over_a_curved_pixel():
         hard += list((np.maximum(cosine, 0) - fine)[near])
         soft += list((softened - fine)[near])
     assert np.std(soft) < 0.6 * np.std(hard)
+
+
+def test_the_pixel_horizon_knows_how_fast_normals_turn(rng):
+    """The mean of max(0, x) for normal x of variance g^2 / 24; from one neighbour g is the difference to it."""
+    mask = np.array([[1, 1, 1, 0], [1, 1, 0, 0], [1, 0, 0, 1]], bool)
+    slopes = rng.normal(0, 0.5, (2, *mask.shape))
+    normal = np.stack([-slopes[0], -slopes[1], np.ones(mask.shape)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    square = np.zeros(mask.shape)
+    for (row, column), inside in np.ndenumerate(mask):
+        for step in ((0, 1), (1, 0)) if inside else ():
+            ends = [(row + s * step[0], column + s * step[1]) for s in (-1, 1)]
+            ends = [e for e in ends if 0 <= e[0] < 3 and 0 <= e[1] < 4 and mask[e]]
+            if ends:
+                first, last = ends if len(ends) == 2 else (ends[0], (row, column))
+                square[row, column] += np.sum((normal[last] - normal[first]) ** 2) / len(ends) ** 2
+    found = pixel_horizon(*(mi.Float(s[mask].astype(np.float32)) for s in slopes), make_grid(mask, mi.UInt32))
+    np.testing.assert_allclose(found.numpy(), OF_SPREAD * np.sqrt(square[mask] / 24), atol=1e-5)
+    assert found.numpy()[-1] == 0 and OF_SPREAD == pytest.approx(2 / np.sqrt(2 * np.pi), rel=0.01)
 
 
 def test_an_led_with_a_surface_sets_slowly(rng):

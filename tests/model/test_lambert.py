@@ -1,5 +1,7 @@
 """Lambertian signals against plain NumPy and automatic differentiation."""
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -79,3 +81,22 @@ def test_the_hard_model_agrees_with_automatic_differentiation_of_led_signals(sur
         by_p[3].numpy()[away_from_horizon], dr.grad(slope).numpy()[away_from_horizon], rtol=1e-3, atol=1e-5
     )
     assert away_from_horizon.sum() > 100
+
+
+def test_indirect_light_joins_the_signal_and_not_its_slopes(surface, rng):
+    """Reflectance times what comes by way of other surfaces, whatever the normal."""
+    p, q, reflectance = surface
+    p, q, bands = mi.Float(p), mi.Float(q), [mi.Float(r) for r in reflectance.T.copy()]
+    more = rng.random((24, 200)).astype(np.float32)
+    light = make_ring()
+    lit = replace(light, indirect=[mi.Float(row) for row in more])
+    (direct, *slopes), (both, *same) = (LambertianRing(r)(p, q, bands, mi.Float(1e-4)) for r in (light, lit))
+    normal = dr.normalize(mi.Vector3f(-p, -q, 1.0))
+    for direct, both in (
+        (direct, both),
+        (led_signals(light, normal, bands), led_signals(lit, normal, bands)),
+    ):
+        gained = np.array([b.numpy() - a.numpy() for a, b in zip(direct, both)])
+        np.testing.assert_allclose(gained, more * np.tile(reflectance.T, (3, 1)), atol=1e-6)
+    for a, b in zip(slopes, same):
+        np.testing.assert_array_equal([v.numpy() for v in a], [v.numpy() for v in b])
