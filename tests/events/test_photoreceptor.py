@@ -80,6 +80,13 @@ def test_noise_adds_to_what_is_shown():
     np.testing.assert_allclose(shown - shown[2], [0.01, -0.01, 0], atol=1e-4)
 
 
+def test_noise_moves_no_phase_far_where_light_hardly_changes():
+    light = 0.5 + 1e-3 * np.arange(N_SLOT)[None]
+    receptors = Photoreceptors.under(light, np.zeros(1, np.int32), 1e-7, 1.0, noise=0.01)
+    phase = receptors.shown(np.full(2, 2.5), np.zeros(2, int), np.array([1.0, -1.0]))
+    np.testing.assert_allclose(phase, [2.58, 2.42], atol=1e-4)
+
+
 def test_pixels_of_unknown_light_keep_their_phases(light):
     receptors = Photoreceptors.under(light, np.array([-1, 0], np.int32), TAU, 0.5)
     phase = receptors.shown(np.array([1.25, 1.75]), np.zeros(2, int))

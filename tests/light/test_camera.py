@@ -9,13 +9,16 @@ from evsdr.light.scene import load_scene
 from evsdr.model.view import pixel_centers
 from tests.support.small_scene import HEIGHT, WIDTH, camera, scene
 
-KINDS = ["orthographic", "perspective"]
+OFF_AXIS = """<float name="fov" value="40"/><float name="principal_point_offset_x" value="0.1"/>
+    <float name="principal_point_offset_y" value="-0.2"/>"""
 
 
-@pytest.fixture(params=KINDS)
+@pytest.fixture(params=["orthographic", "perspective", "off axis"])
 def ring(request, tmp_path):
     """A camera that stands askew."""
-    text = camera(kind=request.param).replace("0, 0, 4", "1, 2, 4").replace("0, 1, 0", "0.3, 1, 0.1")
+    text = camera(kind="perspective" if request.param == "off axis" else request.param)
+    text = text.replace('<float name="fov" value="40"/>', OFF_AXIS) if request.param == "off axis" else text
+    text = text.replace("0, 0, 4", "1, 2, 4").replace("0, 1, 0", "0.3, 1, 0.1")
     (tmp_path / "scene.xml").write_text(scene(sensor=text))
     return load_scene(tmp_path / "scene.xml")
 

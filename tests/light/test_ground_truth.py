@@ -61,3 +61,20 @@ def test_reflectance_is_the_mean_over_each_leds_spectrum(ring):
         maps.reflectance[maps.mask], np.tile(expected, (maps.mask.sum(), 1)), atol=2e-3
     )
     assert (maps.reflectance[object_depth(ring) == 0] == 0).all()
+
+
+def test_pixels_that_are_covered_in_part_know_the_reflectance_of_that_part(ring):
+    maps = surface_maps(ring, 64)
+    edge = ~maps.mask & (maps.reflectance[..., 0] > 0)
+    expected = [0.3 + 0.4 * (nm - 430) / 210 for nm in (450, 620)]
+    np.testing.assert_allclose(maps.reflectance[edge], np.tile(expected, (edge.sum(), 1)), atol=2e-3)
+    assert edge.sum() > 10
+
+
+def test_normals_of_a_surface_seen_from_behind_face_the_camera(tmp_path):
+    """A plane that is turned away by 150 degrees shows its back, 30 degrees oblique."""
+    turned = '<transform name="to_world"><scale value="9"/><rotate y="1" angle="150"/></transform>'
+    ring = load(tmp_path, scene(shape=f'<shape type="rectangle" id="object">{turned}</shape>'))
+    expected = np.broadcast_to([-0.5, 0, 3**0.5 / 2], (HEIGHT, WIDTH, 3))
+    np.testing.assert_allclose(object_normals(ring), expected, atol=1e-5)
+    np.testing.assert_allclose(surface_maps(ring, 4).normal, expected, atol=1e-5)

@@ -2,10 +2,12 @@
 
 import re
 
+import numpy as np
 import pytest
 
 from evsdr.errors import InputError
-from evsdr.light.scene import load_scene
+from evsdr.light.ground_truth import object_depth
+from evsdr.light.scene import load_scene, move_object, with_object
 from tests.support.small_scene import HEIGHT, RING, SPHERE, WIDTH, camera, leds, scene
 
 IN_RING = RING.replace("</integrator>", "{}</integrator>").format
@@ -180,3 +182,23 @@ def test_the_named_camera_of_two_is_taken(tmp_path):
 def test_rectangle_is_an_unknown_shape(tmp_path):
     (tmp_path / "scene.xml").write_text(scene(shape='<shape type="rectangle" id="object"/>'))
     assert not load_scene(tmp_path / "scene.xml").shape_is_known
+
+
+def test_a_mesh_takes_the_place_of_the_object(tmp_path):
+    """Occluder, LEDs, camera and ring stay under their names; then the mesh moves."""
+    ball = SPHERE.replace('id="object"', 'id="ball"').replace(
+        "<bsdf", '<point name="center" x="9" y="0" z="0"/><bsdf'
+    )
+    (tmp_path / "scene.xml").write_text(scene(shape=SPHERE + ball))
+    ring = load_scene(tmp_path / "scene.xml")
+    corner, face = np.array([[-1, -1, 0.5], [1, -1, 0.5], [0, 1, 0.5]]), np.array([[0, 1, 2]])
+    other = with_object(ring, corner, face)
+    assert sorted(s.id() for s in other.scene.shapes()) == ["ball", "object"]
+    assert (other.leds.n_led, other.scene.sensors()[0].id()) == (8, "camera")
+    np.testing.assert_array_equal(other.leds.band, ring.leds.band)
+    np.testing.assert_allclose(other.leds.power, ring.leds.power)
+    depth = object_depth(other)
+    assert depth.max() == pytest.approx(3.5) and 0 < np.count_nonzero(depth) < depth.size / 2
+    move_object(other, corner - [0, 0, 1], face)
+    assert object_depth(other).max() == pytest.approx(4.5)
+    assert object_depth(ring).max() < 4.1

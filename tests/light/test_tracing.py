@@ -1,12 +1,15 @@
 """What is traced of a sphere against plain NumPy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from evsdr.light.ground_truth import object_depth, object_normals, surface_maps
 from evsdr.light.scene import load_scene
 from evsdr.light.tracing import led_images, light_at_centre, trace_illumination, trace_indirect
-from tests.support.small_scene import HEIGHT, WIDTH, camera, leds, scene
+from tests.conftest import REPOSITORY
+from tests.support.small_scene import DIFFUSE, HEIGHT, WIDTH, camera, leds, scene
 
 DIRECTION = np.array([[np.cos(a), np.sin(a), 1] for a in 2 * np.pi * np.arange(8) / 8]) / 2**0.5
 
@@ -70,17 +73,32 @@ def test_a_turned_world_looks_the_same(ring, tmp_path):
     np.testing.assert_allclose(directions, DIRECTION, atol=1e-5)
 
 
-def test_no_surface_sends_more_than_it_gets(tmp_path):
-    """Reflectances above 1, as a fit may say, gather what those of 1 do."""
-    wall = '<shape type="sphere" id="ball"><point name="center" x="1.2" y="0" z="1"/><float name="radius" value="0.5"/></shape>'
-    (tmp_path / "scene.xml").write_text(scene().replace("</scene>", wall + "</scene>"))
-    ring = load_scene(tmp_path / "scene.xml")
+@pytest.fixture(scope="module")
+def relief(tmp_path_factory):
+    """A white relief, whose slopes light each other."""
+    shape = f"""<shape type="ply" id="object"><string name="filename" value="{REPOSITORY}/scenes/relief.ply"/>
+        {DIFFUSE}</shape>"""
+    path = tmp_path_factory.mktemp("relief") / "scene.xml"
+    path.write_text(scene(shape=shape, light=leds(2)))
+    ring = load_scene(path)
     maps = surface_maps(ring, 1)
     light, _ = trace_illumination(ring, 1, False)
-    seen = maps.reflectance[..., :1] > 0
-    sent = []
-    for value in (1.0, 3.0):
-        maps.reflectance[...] = np.where(seen, value, 0)
-        sent.append(np.array([e.numpy() for e in trace_indirect(ring, maps, light, 3, 1, 0.0)]))
-    assert sent[0].max() > 0.01
-    np.testing.assert_array_equal(*sent)
+    known = maps.reflectance[..., :1] > 0
+
+    def indirect(max_depth, reflectance):
+        told = replace(maps, reflectance=np.where(known, np.float32(reflectance), 0) + 0 * maps.reflectance)
+        return np.array([e.numpy() for e in trace_indirect(ring, told, light, max_depth, 1, 0.0)])
+
+    return indirect
+
+
+def test_each_surface_on_the_way_adds_light(relief):
+    """Each gathering adds less than the one before, and three are the most that are made."""
+    mean = [relief(depth, 0.9).mean() for depth in (2, 3, 4)]
+    assert 0 < mean[2] - mean[1] < 0.6 * (mean[1] - mean[0]) < 0.6**2 * mean[0]
+    assert relief(9, 0.9).mean() == mean[2]
+
+
+def test_no_surface_sends_more_than_it_gets(relief):
+    """Reflectances above 1, as a fit may say, gather what those of 1 do."""
+    np.testing.assert_array_equal(relief(3, 2.0), relief(3, 1.0))
