@@ -61,11 +61,11 @@ class Terms:
 class Memo:
     """Remembers the latest results of costly work: keys are equal if their parts are the same objects or words."""
 
-    def __init__(self, most: int = 2):
-        self._most, self._kept = most, {}
+    def __init__(self):
+        self._kept = {}
 
-    def __call__(self, kind: str, key: tuple, work: Callable):
-        """Give the result of `work()`, or of an earlier one of this kind with this key."""
+    def __call__(self, kind: str, key: tuple, work: Callable, most: int = 1):
+        """Give the result of `work()`, or of one of the latest of this kind with this key."""
         kept = self._kept.setdefault(kind, [])
         for k, (known, value) in enumerate(kept):
             if all(
@@ -75,7 +75,7 @@ class Memo:
                 return value
         value = work()
         kept.insert(0, (key, value))
-        del kept[self._most :]
+        del kept[most:]
         return value
 
 
@@ -182,7 +182,7 @@ class World:
             whole = trace_illumination(*given, False, self.terms.seed + seed)[0] if shadows else light
             return light.far(whole, self.look(fitted).pixel)
 
-        return self.memo("trace", (self.near, shadows, rays, fitted, skip, seed), work)
+        return self.memo("trace", (self.near, shadows, rays, fitted, skip, seed), work, 2)
 
     def illumination(self, fitted: Fitted | None = None, rays: int | None = None) -> Illumination:
         """Give the light that is modelled, on the surface of a fit where that counts, with `rays` per pixel there."""

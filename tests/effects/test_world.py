@@ -15,18 +15,18 @@ from tests.support.worlds import load, world_of
 
 
 def test_a_memo_keeps_the_latest_by_identity():
-    memo, made = Memo(2), []
+    memo, made = Memo(), []
     first, second = np.zeros(1), np.zeros(1)
 
-    def work(name):
-        return lambda: made.append(name) or name
+    def ask(kind, key, name):
+        return memo(kind, key, lambda: made.append(name) or name, 2)
 
-    assert memo("a", (first, 1), work("x")) == memo("a", (first, 1.0), work("y")) == "x"
-    assert memo("a", (second, 1), work("y")) == "y"
-    assert memo("b", (first, 1), work("z")) == "z"
-    assert memo("a", (first, 1), work("w")) == "x"
-    memo("a", (first, 2), work("v"))
-    assert memo("a", (second, 1), work("u")) == "u" and memo("a", (first, 2), work("t")) == "v"
+    assert ask("a", (first, 1), "x") == ask("a", (first, 1.0), "y") == "x"
+    assert ask("a", (second, 1), "y") == "y"
+    assert ask("b", (first, 1), "z") == "z"
+    assert ask("a", (first, 1), "w") == "x"
+    ask("a", (first, 2), "v")
+    assert ask("a", (second, 1), "u") == "u" and ask("a", (first, 2), "t") == "v"
     assert made == ["x", "y", "z", "v", "u"]
 
 

@@ -1,0 +1,76 @@
+"""Scene, recording and mask that do not go together are refused in a sentence."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from evsdr.errors import InputError
+from evsdr.fitting.checks import MAX_BANDS, check_fit, object_mask
+from evsdr.fitting.settings import Settings
+from evsdr.records import Events, Recording, Schedule, Sensor
+
+RING = SimpleNamespace(path="a.xml", width=4, height=3, leds=SimpleNamespace(n_led=8, n_band=2))
+GOOD = Recording(
+    Events(*np.zeros((4, 2), int)),
+    Sensor(4, 3, 0.2, 0.3, 50.0),
+    Schedule(np.arange(8), 1e4, 1.0),
+    np.zeros(0),
+)
+
+
+def test_what_goes_together():
+    check_fit(RING, GOOD, Settings())
+
+
+@pytest.mark.parametrize(
+    ("recording", "sentence"),
+    [
+        (
+            replace(GOOD, sensor=replace(GOOD.sensor, width=5), source="b.h5"),
+            "^a.xml: the film is 4 x 3 pixels but the events of b.h5 are 5 x 3; make the film as large",
+        ),
+        (
+            replace(GOOD, sensor=replace(GOOD.sensor, contrast_threshold_off=np.array([0.2, 11]))),
+            "^the recording: contrast_threshold_off goes from 0.2 to 11;",
+        ),
+        (
+            replace(GOOD, schedule=replace(GOOD.schedule, order=np.array([0, 8]))),
+            "^the recording: schedule/order lights LED 8, but a.xml has only 8 LEDs",
+        ),
+    ],
+)
+def test_what_does_not(recording, sentence):
+    with pytest.raises(InputError, match=sentence):
+        check_fit(RING, recording, Settings())
+
+
+def test_many_bands_are_for_adam():
+    ring = SimpleNamespace(**vars(RING) | {"leds": SimpleNamespace(n_led=64, n_band=MAX_BANDS + 1)})
+    check_fit(ring, GOOD, Settings(solver="adam"))
+    with pytest.raises(InputError, match="41 bands are too many"):
+        check_fit(ring, GOOD, Settings())
+
+
+def test_pixels_of_the_object_and_the_mask():
+    coverage = np.zeros((3, 4))
+    coverage[1:] = 0.6
+    np.testing.assert_array_equal(object_mask(RING, coverage, None), coverage > 0)
+    wanted = np.zeros((3, 4), int)
+    wanted[:, 2] = 7
+    np.testing.assert_array_equal(object_mask(RING, coverage, wanted), (coverage > 0) & (wanted > 0))
+
+
+@pytest.mark.parametrize(
+    ("coverage", "wanted", "sentence"),
+    [
+        (0.4, None, "^a.xml: the camera does not see"),
+        (1.0, np.zeros((3, 4)), "^the mask: the mask has no pixel"),
+        (1.0, np.ones((4, 3)), r"^the mask has shape \(4, 3\)"),
+        (1.0, "none.png", "^none.png: no such file"),
+    ],
+)
+def test_masks_that_leave_nothing(coverage, wanted, sentence):
+    with pytest.raises(InputError, match=sentence):
+        object_mask(RING, np.full((3, 4), coverage), wanted)
