@@ -300,11 +300,11 @@ def seen(leds: Leds, j: int, si, active) -> mi.Float:
 
 
 def visible(scene, si, ds, active, skip=0.0) -> mi.Bool:
-    """Trace a shadow ray from a surface point to a sampled LED; its first stretch `skip` is free."""
+    """Trace a shadow ray from a surface point to a sampled LED; stretches `skip` at both ends are free."""
     ray = si.spawn_ray_to(ds.p)
     if skip > 0:
         ray.o += mi.Vector3f(dr.sign(dr.dot(si.n, si.to_world(si.wi))) * si.n) * (0.25 * skip) + skip * ds.d
-        ray.maxt -= skip / ds.dist
+        ray.maxt -= 2 * skip  # as it starts later, and lest it reaches the LED's own shape
     return active & ~scene.ray_test(ray, True, active)
 
 

@@ -21,20 +21,23 @@ def corner(wall_reflectance, extra=None):
     return load({"object": plane(half_width=(1, 4, 1)), "wall": wall} | leds | (extra or {}))
 
 
-def gathered(scene, known=True, signal=(0.0, 0.0), n_ray=512):
-    """Irradiance (n_led, n) at points of the floor."""
+def gathered(scene, known=True, normal=(0, 0, 1), signal=0.0, pixel_size=0.1, n_ray=512, skip=0.0):
+    """Irradiance (n_led, n) at points of the floor; all that is seen of the object is seen by pixel 0."""
     n = len(X)
     place = scene.ray_intersect(mi.Ray3f(mi.Point3f(X.astype(np.float32), 0, 0.5), mi.Vector3f(0, 0, -1)))
     surface = Surface(
         shape=find_object(scene),
         place=place,
-        normal=mi.Vector3f(0, 0, 1) + dr.zeros(mi.Vector3f, n),
-        reflectance=[dr.full(mi.Float, 0.5, n)],
+        normal=dr.normalize(mi.Vector3f(*normal)) + dr.zeros(mi.Vector3f, n),
+        reflectance=[dr.full(mi.Float, 0.3, n)],
         known=mi.Bool([known] * n),
-        pixel_of=lambda point: (dr.zeros(mi.UInt32, n), mi.Bool(False)),
-        pixel_size=0.1,
+        pixel_of=lambda point: (
+            dr.zeros(mi.UInt32, dr.width(point)),
+            dr.full(mi.Bool, True, dr.width(point)),
+        ),
+        pixel_size=pixel_size,
     )
-    sent = gather(scene, find_leds(scene), surface, [dr.full(mi.Float, s, n) for s in signal], n_ray, 0, 0.0)
+    sent = gather(scene, find_leds(scene), surface, [dr.full(mi.Float, signal, n)] * 2, n_ray, 0, skip)
     return np.array([e.numpy() for e in sent])
 
 
@@ -65,6 +68,34 @@ def test_the_walls_own_colour_counts():
     """A wall twice as bright sends twice the light."""
     dim, bright = (gathered(corner(r))[0] for r in (0.3, 0.6))
     np.testing.assert_allclose(bright, 2 * dim, rtol=1e-5)
+
+
+def test_the_object_sends_what_its_pixels_show_and_where_hidden_what_the_mean_pixel_would():
+    """The wall is the object: seen where pixels are large, else of the mean reflectance 0.3."""
+    other = gathered(corner(0.6), n_ray=64)[0]
+    leds = {"led_0": far((1, 0, 1e-3)), "led_1": far((0, 0, 1), 2.0)}
+    wall = plane(0.9, 90.0, at=(-1, 0, 1), half_width=(1, 4, 1))
+    scene = load({"floor": plane(half_width=(1, 4, 1)), "object": wall} | leds)
+    hidden = gathered(scene, signal=7.0, pixel_size=1e-3, n_ray=64)[0]
+    np.testing.assert_allclose(hidden, 0.3 / 0.6 * other, rtol=1e-5)
+    seen = gathered(scene, signal=7.0, pixel_size=1e3, n_ray=64)
+    np.testing.assert_allclose(seen[0], 7.0 / (0.6 * POWER) * other, rtol=1e-3)
+    np.testing.assert_array_equal(seen[0], seen[1])
+
+
+def test_nothing_comes_from_below_the_geometry():
+    """A fitted normal that lies nearly in the floor looks at a lit wall in the cellar, too."""
+    wall = plane(0.9, -90.0, at=(1.5, 0, -2), half_width=(1.9, 9, 1))
+    leds = {"led_0": far((-1, 0, -0.2)), "led_1": far((0, 0, 1))}
+    scene = load({"object": plane(half_width=(1, 4, 1)), "wall": wall} | leds)
+    from_below = scene.ray_intersect(mi.Ray3f(mi.Point3f(0, 0, -1), mi.Vector3f(1, 0, 0)))
+    assert float(from_below.p.x[0]) == pytest.approx(1.5)
+    np.testing.assert_array_equal(gathered(scene, normal=(1, 0, 0.05)), 0)
+
+
+def test_what_is_hit_at_once_is_the_surface_itself():
+    near, far_off = (gathered(corner(0.6), skip=skip)[0] for skip in (0.0, 9.0))
+    assert near.min() > 0 and far_off.max() == 0
 
 
 @pytest.mark.parametrize("perspective", [False, True])

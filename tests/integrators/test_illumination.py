@@ -24,10 +24,10 @@ from tests.support.ring_scenes import (
 )
 
 
-def illumination(objects, view=None, spp=1, shadows=True):
+def illumination(objects, view=None, spp=1, shadows=True, skip=0.0):
     """Directions (n_led, H, W, 3), irradiances (n_led, H, W) and coverage (H, W)."""
     scene = load(objects, view)
-    light, coverage = ring().illumination(scene, scene.sensors()[0], spp, 0, shadows)
+    light, coverage = ring().illumination(scene, scene.sensors()[0], spp, 0, shadows, skip)
     n_pixel = HEIGHT * WIDTH
     direction = np.array([np.broadcast_to(np.array(d, float).T, (n_pixel, 3)) for d in light.direction])
     irradiance = np.array([np.broadcast_to(np.array(e, float), n_pixel) for e in light.irradiance])
@@ -102,3 +102,28 @@ def test_directions_turn_with_the_camera():
     to_light /= np.linalg.norm(to_light, axis=-1, keepdims=True)
     np.testing.assert_array_equal(coverage == 1, on_ball)
     np.testing.assert_allclose(direction[1][on_ball], to_light[on_ball], atol=1e-4)
+
+
+def test_occluders_that_are_near_do_not_count():
+    """A roof 0.15 above the floor; a plate 0.1 behind a near LED, or well before it; the LED's own shape."""
+    roof, plate = plane(at=(0, 0, 0.15), half_width=(9, 9, 1)), plane(at=(0, 0, 1.1), half_width=(9, 9, 1))
+    view = camera((0, 0, 0.1))
+    for objects, skip, lit in (
+        ({"roof": roof, "led_0": far((0, 0, 1))}, 0.0, False),
+        ({"roof": roof, "led_0": far((0.3, 0, 1))}, 0.3, True),
+        ({"plate": plate, "led_0": near((0, 0, 1))}, 0.3, True),
+        ({"plate": plate, "led_0": near((0, 0, 2))}, 0.3, False),
+        ({"led_0": soft((1, 0, 4), 0.3)}, 0.3, True),
+    ):
+        _, irradiance, _ = illumination(
+            {"object": plane()} | objects | {"led_1": far((0, 0, 1))}, view, skip=skip
+        )
+        assert (irradiance[0] > 0).all() if lit else (irradiance[0] == 0).all()
+
+
+def test_spread_of_the_widest_led():
+    """Squares 0.8 and 0.2 wide, 5 and 2 from the object's middle; a lamp that is no LED does not count."""
+    leds = {"led_0": soft((3, 0, 4), 0.4), "led_1": soft((0, 0, 2), 0.1), "lamp": soft((0, 0, 3), 2.0)}
+    scene = load({"object": plane()} | leds)
+    light, _ = ring().illumination(scene, scene.sensors()[0], 1)
+    assert light.spread == pytest.approx(0.8 / 12**0.5 / 5, rel=1e-4)

@@ -28,6 +28,15 @@ def test_bands():
     np.testing.assert_allclose(leds.band_wavelength_nm, [525, 460, 527], atol=0.01)
 
 
+def test_the_centroid_is_that_of_what_the_camera_sees():
+    """A triangle from 500 to 600 nm with its peak at 500, seen by a response that rises from 0."""
+    led = far((0, 0, 1), [(499.999, 0.0), (500, 1.0), (600, 0.0)])
+    leds = ring(response=[(500, 0.0), (600, 1.0)]).leds(load({"object": plane(), "led_0": led, "led_1": led}))
+    assert leds.band_wavelength_nm[0] == pytest.approx(550, abs=0.5)
+    flat = ring().leds(load({"object": plane(), "led_0": led, "led_1": led}))
+    assert flat.band_wavelength_nm[0] == pytest.approx(500 + 100 / 3, abs=0.5)
+
+
 def test_power_of_near_and_soft_leds():
     leds = {"led_0": near((9, 0, 5), peak(500, 2.0)), "led_1": soft((1, 0, 5), 0.1, peak(600, 4.0))}
     found = ring(response=[(400, 0.5), (700, 0.5)]).leds(load({"object": plane()} | leds))
