@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evsdr.events.pairs import pair_events
-from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
 from evsdr.model.illumination import Illumination
 from evsdr.records import Recording, Schedule, Sensor
 from evsdr.solve.problem import make_problem

@@ -5,7 +5,8 @@ import pytest
 
 from evsdr.events.pairs import pair_events
 from evsdr.events.photoreceptor import Photoreceptors
-from evsdr.events.pixel import EventPixel, simulate_events
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
 from evsdr.records import Events, Recording, Schedule, Sensor
 from tests.support.pixel_light import ring
 from tests.support.sphere import NO_FLAWS
