@@ -32,7 +32,6 @@ OPEN = {
     "solve/neighbours/stencils.py",
     "solve/neighbours/system.py",
     "solve/problem.py",
-    "solve/trial.py",
     "solve/unknowns.py",
     "effects/gloss_terms.py",
     "fitting/decoder.py",

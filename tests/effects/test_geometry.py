@@ -30,6 +30,16 @@ def test_leds_behind_the_object_are_named(tmp_path, wrong, words):
         check_light(world)
 
 
+def test_leds_behind_a_known_shape_are_named(tmp_path):
+    """From there no ray is traced: visibility is not modelled, the normals tell."""
+    lines = leds(distance=4).splitlines()
+    place, rest = lines[3].index("<point"), lines[3].index("<spectrum")
+    lines[3] = f'{lines[3][:place]}<point name="position" x="0" y="0" z="-4"/>{lines[3][rest:]}'
+    world = world_of(load(tmp_path, scene(light="\n".join(lines), sensor=LARGE)))
+    with pytest.warns(InputWarning, match="LED 3 lights no pixel"):
+        check_light(world)
+
+
 def test_pieces_of_an_unknown_shape(tmp_path):
     world = world_of(load(tmp_path, scene(shape=PLANE, sensor=LARGE)))
     check_pieces(world)

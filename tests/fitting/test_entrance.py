@@ -1,5 +1,7 @@
 """The entrance from Python: the same results as the command, on files and on arrays."""
 
+import subprocess
+import sys
 import warnings
 from dataclasses import replace
 
@@ -25,6 +27,16 @@ def test_every_name_is_there():
         assert getattr(evsdr, name).__name__ == name
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         evsdr.nothing
+
+
+@pytest.mark.parametrize(
+    "name", ["Recording", "read_recording", "load_scene", "Settings", "fit", "Fit", "score"]
+)
+def test_names_load_no_mitsuba(name):
+    """It must know its libLLVM before it is imported."""
+    code = f"import sys, evsdr; evsdr.{name}; print(*{{'mitsuba', 'drjit', 'numba', 'scipy'}} & set(sys.modules))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == ""
 
 
 def test_saved_results_are_those_of_the_command(place, given, tmp_path, capsys):

@@ -62,6 +62,13 @@ def test_what_a_user_should_look_into(given, fit, words):
         report.warn_of_what_was_found(world(**given), fitted(**fit))
 
 
+def test_hot_pixels_are_counted_with_those_that_contradict():
+    hot = np.zeros((10, 10), bool)
+    hot[0, 5:8] = True
+    with pytest.warns(InputWarning, match="8% of the pixels"):
+        report.warn_of_what_was_found(SimpleNamespace(**vars(world()) | {"hot": hot}), fitted(noisy=6))
+
+
 def test_thresholds_are_told_with_their_scatter(rng):
     gain = 1.1 + 0.05 * rng.standard_normal((N, 2))
     on = report.threshold_summary(world().recording, fitted(gain))["contrast_threshold_on"]
