@@ -23,11 +23,13 @@ _HOME = {
     "write_recording": "files.events_h5",
     "load_scene": "fitting.entrance",
     "EventPixel": "events.pixel",
+    "record": "events.record",
     "simulate": "fitting.simulation",
     "Settings": "fitting.settings",
     "fit": "fitting.entrance",
     "Fit": "fitting.entrance",
     "score": "metrics",
+    "angular_error_deg": "metrics",
 }
 __all__ = [*_HOME]
 

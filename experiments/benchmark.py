@@ -10,8 +10,7 @@ import sys
 
 import tyro
 
-from evsdr import jit
-from evsdr.errors import InputError
+from evsdr import InputError, jit
 
 
 def main(argv: list[str] | None = None) -> int:

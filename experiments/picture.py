@@ -12,9 +12,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from evsdr import angular_error_deg
 from evsdr.files.daylight import reflectance_to_srgb
-from evsdr.files.results import encode_normal
-from evsdr.metrics import angular_error_deg
 
 
 def draw(folder: Path, truth_path: Path, picture: Path) -> None:
@@ -25,7 +24,7 @@ def draw(folder: Path, truth_path: Path, picture: Path) -> None:
     rmse = np.sqrt(np.mean((maps["reflectance"] - truth["reflectance"]) ** 2, axis=-1))
     rmse = np.where(mask, rmse, np.nan)
     colour = reflectance_to_srgb(maps["reflectance"], maps["band_wavelength_nm"])
-    normal = encode_normal(maps["normal"], known) / 65535
+    normal = 0.5 * (maps["normal"] + 1)
 
     figure = plt.figure(figsize=(12, 4.4), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(2.9, 1))

@@ -29,8 +29,6 @@ class Highlights:
     ----------
     center : (n_led, 2) float
         Column and row of the highlights [pixels].
-    center_sigma : (n_led,) float
-        One standard deviation along an axis [pixels].
     spread : (n_led,) float
         Root mean square radius of the pixels that fire [pixels].
     direction : (n_led, 3) float
@@ -40,7 +38,6 @@ class Highlights:
     """
 
     center: np.ndarray
-    center_sigma: np.ndarray
     spread: np.ndarray
     direction: np.ndarray
     sigma_deg: np.ndarray
@@ -121,7 +118,7 @@ def find_highlights(
     variance = sum(np.sum(d**2, axis=1) for d in by) * sigma**2
     by = [(reflect(view, center, outline + h) - direction) / STEP for h in STEP * np.eye(3)]
     variance += sum(np.sum(d**2, axis=1) for d in by) * outline_sigma**2
-    return Highlights(center, sigma, spread, direction, np.degrees(np.sqrt(variance)))
+    return Highlights(center, spread, direction, np.degrees(np.sqrt(variance)))
 
 
 def reflect(view: View, pixel: np.ndarray, outline: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a ring of LEDs can tell, by closed formulas: design rule, gloss and shadow, absolute albedo.
+"""What a ring of LEDs can tell, by closed formulas: design rule, gloss and shadow.
 
 The equation numbers are those of EventSpecPS (Wu, Yu, Chan, Lam and Shi, ECCV 2026); S marks its supplement.
 A light vector is the unit vector from surface to light times the irradiance g; its direction counts in the
@@ -12,69 +12,6 @@ import numpy as np
 
 SMALLEST_SPREAD = 0.02  # singular value of unit vectors; two directions 1.6 degrees apart reach it
 KNOWN_RATIO = 1e-3  # of singular values, from which a normal is known
-UNKNOWN_SIGMA = 1.0  # of an albedo of which nothing is known
-CLEAR = 3.0  # standard deviations that a denominator must be from zero
-
-
-# ---------------------------------------------------------------------- normals without reflectance
-
-
-def null_space_vectors(signal: np.ndarray, light: np.ndarray, band: np.ndarray) -> np.ndarray:
-    """Give a vector at right angles to the normal for each pair of LEDs of one band (Insight I, figure 2b).
-
-    With r = A_i / A_j the reflectance cancels: v = g_i l_i - r g_j l_j, v . n = 0. The length of v given here
-    depends neither on irradiance nor on reflectance, so that all bands count the same.
-
-    Parameters
-    ----------
-    signal : (n_led, ...) float
-        A_j without the constant light; 0 in shadow.
-    light : (n_led, 3) or (n_led, ..., 3) float
-        Light vectors g_j l_j.
-    band : (n_led,) int
-        Band of each LED.
-
-    Returns
-    -------
-    (n_pair, ..., 3) float64
-        0 for a pair with an LED in shadow.
-    """
-    signal, light = np.asarray(signal, float), np.asarray(light, float)
-    if light.ndim < signal.ndim + 1:
-        light = light.reshape(len(light), *(1,) * (signal.ndim - 1), 3)
-    g = np.linalg.norm(light, axis=-1)
-    pairs = [(i, j) for i, j in combinations(range(len(band)), 2) if band[i] == band[j]]
-    vectors = np.zeros((len(pairs), *signal.shape[1:], 3))
-    for v, (i, j) in zip(vectors, pairs):
-        length = np.hypot(signal[i] * g[j], signal[j] * g[i])
-        lit = (signal[i] > 0) & (signal[j] > 0)
-        cross = signal[j][..., None] * light[i] - signal[i][..., None] * light[j]
-        v[...] = np.where(lit[..., None], cross / np.where(length > 0, length, 1)[..., None], 0)
-    return vectors
-
-
-def normal_from_ratios(
-    signal: np.ndarray, light: np.ndarray, band: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Find normals from the ratios within bands: the direction at right angles to all null-space vectors.
-
-    Parameters
-    ----------
-    signal, light, band
-        See `null_space_vectors`.
-
-    Returns
-    -------
-    normal : (..., 3) float64
-        Unit normals with n_z > 0; (0, 0, 1) where not known.
-    known : (...) bool
-        Whether two independent null-space vectors fix the normal.
-    """
-    vectors = null_space_vectors(signal, light, band)
-    strength, direction = np.linalg.eigh(np.einsum("k...i,k...j->...ij", vectors, vectors))
-    known = strength[..., 1] > KNOWN_RATIO**2 * strength[..., 2]
-    normal = direction[..., 0] * np.where(direction[..., 2, :1] < 0, -1, 1)
-    return np.where(known[..., None], normal, [0, 0, 1]), known
 
 
 # ---------------------------------------------------------------------- the design rule
@@ -331,60 +268,3 @@ def clean_observations(
     half /= np.linalg.norm(half, axis=-1, keepdims=True)
     clean = (normal @ unit.T > 0) & (np.maximum(normal @ half.T, 0) ** shininess < threshold)
     return np.stack([clean[:, band == b].sum(axis=1) for b in range(band.max() + 1)], axis=-1)
-
-
-# ---------------------------------------------------------------------- absolute albedo
-
-
-@dataclass(frozen=True)
-class Albedo:
-    """Absolute albedo from ratios.
-
-    Attributes
-    ----------
-    value, sigma : (...) float64
-        Albedo and its standard deviation; 0 and 1 where it is not known.
-    known : (...) bool
-        False where the ratio tells nothing of it.
-    """
-
-    value: np.ndarray
-    sigma: np.ndarray
-    known: np.ndarray
-
-
-def absolute_albedo(
-    ratio: np.ndarray,
-    shading_1: np.ndarray,
-    shading_2: np.ndarray,
-    constant_light: float,
-    ratio_sigma: np.ndarray | float = 0.0,
-) -> Albedo:
-    """Solve r = (alpha s_1 + C_w) / (alpha s_2 + C_w) for alpha (eq. 8, S 33).
-
-        alpha = C_w (r - 1) / (s_1 - r s_2),    d alpha / d r = C_w (s_1 - s_2) / (s_1 - r s_2)^2
-
-    It is not known where the denominator can't be told from 0. That is so for equal shadings, where r = 1 for
-    any alpha (S 5.4), and for r = s_1 / s_2, where the constant light is too weak to tell.
-
-    Parameters
-    ----------
-    ratio : (...) float
-        r.
-    shading_1, shading_2 : (...) float
-        g max(0, n . l) under both LEDs.
-    constant_light : float
-        C_w; 0 makes everything unknown.
-    ratio_sigma : (...) float
-        Standard deviation of r.
-    """
-    r, s1, s2, sigma = np.broadcast_arrays(*map(np.float64, (ratio, shading_1, shading_2, ratio_sigma)))
-    denominator = s1 - r * s2
-    uncertain = np.maximum(CLEAR * sigma * s2, 1e-9 * (s1 + np.abs(r) * s2))
-    known = (np.abs(denominator) > uncertain) & (np.abs(s1 - s2) > 1e-9 * (s1 + s2)) & (constant_light > 0)
-    safe = np.where(known, denominator, 1.0)
-    return Albedo(
-        value=np.where(known, constant_light * (r - 1) / safe, 0.0),
-        sigma=np.where(known, constant_light * np.abs(s1 - s2) / safe**2 * sigma, UNKNOWN_SIGMA),
-        known=known,
-    )

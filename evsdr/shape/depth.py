@@ -52,16 +52,12 @@ class Depth:
         Pixels with a depth.
     component : (H, W) int32
         Connected components (four neighbours) from 1 on, 0 outside the mask. Each has its own offset.
-    residual_deg : (H, W) float64
-        Root mean square angle [deg] by which the chords to the neighbours leave the surface that the normals
-        tell: large at depth discontinuities and wrong normals; 0 outside the mask.
     camera : CameraGeometry
     """
 
     depth: np.ndarray
     mask: np.ndarray
     component: np.ndarray
-    residual_deg: np.ndarray
     camera: CameraGeometry
 
     @property
@@ -127,7 +123,7 @@ def integrate_normals(
 
     component, n_component = ndimage.label(mask)
     depth = _anchored(value, component, n_component, anchor, camera.perspective)
-    return Depth(depth, mask, component, _residual_deg(value, difference, lever), camera)
+    return Depth(depth, mask, component, camera)
 
 
 def write_depth(path: str | Path, depth: Depth) -> None:
@@ -229,18 +225,6 @@ def _anchored(value, component, n_component, anchor, perspective) -> np.ndarray:
         return factor[component] * value
     offset = np.concatenate([[0], goal - ndimage.mean(value, component, index)])
     return np.where(component > 0, value + offset[component], 0)
-
-
-def _residual_deg(value, difference, lever) -> np.ndarray:
-    """Give the root mean square angle between chords and surface at each pixel."""
-    total, count = np.zeros(value.shape), np.zeros(value.shape)
-    for axis in (0, 1):
-        angle = np.arctan(np.radians(lever[axis]) * (np.diff(value, axis=axis) - difference[axis]))
-        for pixel in _ends(total, axis):
-            pixel += np.degrees(angle) ** 2
-        for pixel in _ends(count, axis):
-            pixel += lever[axis] > 0
-    return np.sqrt(total / np.maximum(count, 1))
 
 
 def _ends(image: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:

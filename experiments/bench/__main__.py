@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from evsdr import InputError
 from evsdr.commands.console import print_table, run_command
-from evsdr.errors import InputError
 from evsdr.rig.driver import RingSettings
 from experiments.bench import fuzz, light, simulator
 from experiments.bench.darkness import ENDINGS, end_early

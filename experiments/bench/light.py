@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from evsdr import Schedule
 from evsdr.events import phase
-from evsdr.records import Schedule
 from evsdr.rig.driver import RingSettings
 from experiments.bench.vcd import (
     CYCLES_PER_US,

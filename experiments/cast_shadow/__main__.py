@@ -26,7 +26,8 @@ def main() -> None:
         if options.scene and case.name not in options.scene:
             continue
         folder = OUT / case.name.replace(" ", "_")
-        results = run(case, folder, options.size)
+        folder.mkdir(parents=True, exist_ok=True)
+        results = run(case, options.size)
         Console().print(table(case, results))
         draw(results, folder / "errors.png")
         print(f"picture: {folder / 'errors.png'}")

@@ -1,20 +1,15 @@
 """Recordings with cast shadows, fitted in four ways; errors inside and outside of the shadow."""
 
-import io
 import os
 import warnings
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
-from evsdr import jit
-from evsdr.commands import fit, simulate
-from evsdr.files.truth import read_truth
-from evsdr.metrics import angular_error_deg
-from evsdr.records import Maps
+import evsdr
+from evsdr import InputWarning, Maps, Settings, angular_error_deg
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = REPOSITORY / "scenes"
@@ -33,7 +28,7 @@ class Case:
     scene : Path
         What is recorded.
     unknown : Path
-        The scene for `--shadows estimate`: where the shape is not told, or the same.
+        The scene for shadows `estimate`: where the shape is not told, or the same.
     """
 
     name: str
@@ -56,7 +51,7 @@ class Result:
     inside, outside : (H, W) bool
         Pixels of the truth in the shadow of some LED that they face, and the others.
     seconds : float
-        All in all.
+        Of the fit.
     maps : Maps
     """
 
@@ -108,25 +103,17 @@ def write_mesh_scene(name: str, file: Path, folder: Path) -> Path:
     return scene
 
 
-def run(case: Case, folder: Path, size: int) -> list[Result]:
+def run(case: Case, size: int) -> list[Result]:
     """Record once, fit in each way."""
-    folder.mkdir(parents=True, exist_ok=True)
-    define = (f"size={size}",)
-    with redirect_stdout(io.StringIO()):
-        simulate.command(simulate.Options(case.scene, out=folder, define=define))
+    recording, truth = evsdr.simulate(evsdr.load_scene(case.scene, size=size))
     inside = in_shadow(case.scene, size)
-    truth = read_truth(folder / "truth.npz", size, size, 8)
     results = []
     for way in WAYS:
-        options = fit.Options(
-            case.unknown if way == "estimate" else case.scene,
-            folder / "events.h5",
-            shadows=way,
-            define=define,
-        )
-        with redirect_stderr(io.StringIO()), warnings.catch_warnings():
-            found = fit.recover(options)
-            maps, summary = found.maps, found.summary
+        scene = evsdr.load_scene(case.unknown if way == "estimate" else case.scene, size=size)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)
+            found = evsdr.fit(scene, recording, Settings(shadows=way))
+        maps = found.maps
         mask = truth.mask & maps.mask
         results.append(
             Result(
@@ -135,7 +122,7 @@ def run(case: Case, folder: Path, size: int) -> list[Result]:
                 np.sqrt(np.mean((maps.reflectance - truth.reflectance) ** 2, axis=-1)),
                 mask & inside,
                 mask & ~inside,
-                sum(summary["seconds"].values()),
+                sum(found.summary["seconds"].values()),
                 maps,
             )
         )
@@ -144,12 +131,10 @@ def run(case: Case, folder: Path, size: int) -> list[Result]:
 
 def in_shadow(scene: Path, size: int) -> np.ndarray:
     """Tell which pixels lie in the shadow of an LED that they face."""
-    jit.start()
+    ring = evsdr.load_scene(scene, size=size)
     from evsdr.light.ground_truth import object_normals
-    from evsdr.light.scene import load_scene
     from evsdr.light.tracing import trace_illumination
 
-    ring = load_scene(scene, {"size": str(size)})
     plain, _ = trace_illumination(ring, 4, False)
     traced, _ = trace_illumination(ring, 4, True)
     normal = object_normals(ring).reshape(-1, 3)

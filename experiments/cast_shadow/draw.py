@@ -8,8 +8,6 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from evsdr.files.results import encode_normal
-
 from .compute import Result
 
 LARGEST_DEG, LARGEST_RMS = 10.0, 0.1  # of the colour scales
@@ -20,7 +18,7 @@ def draw(results: list[Result], file: Path) -> None:
     figure, axes = plt.subplots(3, len(results), figsize=(2.4 * len(results), 7), layout="constrained")
     for column, r in zip(axes.T, results):
         mask = r.inside | r.outside
-        column[0].imshow(np.where(mask[..., None], encode_normal(r.maps.normal, mask) / 65535, 1))
+        column[0].imshow(np.where(mask[..., None], 0.5 * (r.maps.normal + 1), 1))
         column[0].set_title(f"{r.way}: {r.error_deg[mask].mean():.2f}°, {r.rms[mask].mean():.3f}", fontsize=9)
         angle = column[1].imshow(np.where(mask, r.error_deg, np.nan), vmin=0, vmax=LARGEST_DEG, cmap="magma")
         rms = column[2].imshow(np.where(mask, r.rms, np.nan), vmin=0, vmax=LARGEST_RMS, cmap="magma")

@@ -9,8 +9,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from evsdr.errors import InputError
-from evsdr.files.atomic import atomic_path
+from evsdr import InputError
 
 from .compute import N_LED, REPOSITORY, find_patches, fit_chart, order_with_pauses, patch_errors
 from .draw import draw
@@ -38,7 +37,7 @@ class Options:
     size: int = 128
     """Width and height of the images [pixels]."""
     out: Path = OUT
-    """Folder for recordings, figures and picture."""
+    """Folder for figures and picture."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -47,9 +46,7 @@ def main(argv: list[str] | None = None) -> int:
     console, charts, figures = Console(width=100), {}, {}
     for title, (order, thresholds) in CASES.items():
         try:
-            chart = fit_chart(
-                options.out / ("plain" if order is None else "dark"), order, options.size, thresholds
-            )
+            chart = fit_chart(order, options.size, thresholds)
         except InputError as error:
             print(f"error: {error}", file=sys.stderr)
             return 2
@@ -57,8 +54,9 @@ def main(argv: list[str] | None = None) -> int:
         charts[title], figures[title] = chart, {"all pixels": chart.error, "patches": patches}
         console.print(table(title, patches))
         print("all pixels: " + ", ".join(f"{key} {value:.4f}" for key, value in chart.error.items()) + "\n")
-    with atomic_path(options.out / "colour_chart.json") as path:
-        path.write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n")
+    options.out.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(figures, indent=1, allow_nan=False)
+    (options.out / "colour_chart.json").write_text(text + "\n")
     draw(charts, options.out / "colour_chart.png")
     print(f"picture: {options.out / 'colour_chart.png'}, figures: {options.out / 'colour_chart.json'}")
     return 0

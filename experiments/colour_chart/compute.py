@@ -1,23 +1,18 @@
 """A colour chart with and without dark slots: what each of its patches gives."""
 
-import io
-from contextlib import redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 
-from evsdr.commands import fit, simulate
-from evsdr.events.pixel import EventPixel
-from evsdr.files.events_h5 import read_recording
-from evsdr.files.truth import read_truth
-from evsdr.metrics import angular_error_deg
-from evsdr.records import Maps, Truth
+import evsdr
+from evsdr import EventPixel, Maps, Schedule, Settings, Truth, angular_error_deg
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENE = REPOSITORY / "scenes" / "colorchecker.xml"
 N_LED, PAUSE = 24, 3  # of the ring; LEDs between two dark slots
+SLOT_US = 20_000.0
 NOISE = 0.1  # of each threshold, from event to event
 N_ROW, N_COLUMN = 4, 6
 SAME = 1e-4  # difference of true reflectances within one patch
@@ -48,7 +43,7 @@ def order_with_pauses(n_led: int) -> tuple[int, ...]:
     return tuple(slot for j in range(n_led) for slot in ((-1, j) if j % PAUSE == 0 else (j,)))
 
 
-def fit_chart(folder: Path, order: tuple[int, ...] | None, size: int, thresholds: str = "auto") -> Chart:
+def fit_chart(order: tuple[int, ...] | None, size: int, thresholds: str = "auto") -> Chart:
     """Simulate a recording of the chart and fit it.
 
     As `python -m evsdr.simulate scenes/colorchecker.xml --ideal --pixel.event-noise 0.1 [--order ...]` and
@@ -56,29 +51,20 @@ def fit_chart(folder: Path, order: tuple[int, ...] | None, size: int, thresholds
 
     Parameters
     ----------
-    folder : Path
-        For the recording.
     order : tuple of int, optional
         LED of each slot, -1 for none; by default each in turn.
     size : int
         Width and height [pixels].
     thresholds : str
-        `--thresholds` of the fit.
+        `thresholds` of the fit's settings.
     """
-    define = (f"size={size}",)
-    pixel = replace(EventPixel(), event_noise=NOISE)
-    options = simulate.Options(SCENE, out=folder, order=order, pixel=pixel, ideal=True, define=define)
-    with redirect_stdout(io.StringIO()):  # one table is enough
-        simulate.command(options)
-    found = fit.Options(
-        SCENE, folder / "events.h5", truth=folder / "truth.npz", thresholds=thresholds, define=define
-    )
-    recovered = fit.recover(found)
-    maps, summary = recovered.maps, recovered.summary
-    events = read_recording(folder / "events.h5").events
+    scene = evsdr.load_scene(SCENE, size=size)
+    schedule = Schedule(np.array(order or range(N_LED), np.int32), SLOT_US, 1.0)
+    recording, truth = evsdr.simulate(scene, EventPixel(event_noise=NOISE).idealised(), schedule)
+    maps = evsdr.fit(scene, recording, Settings(thresholds=thresholds)).maps
+    events = recording.events
     n_event = np.bincount(events.y.astype(int) * size + events.x, minlength=size * size).reshape(size, size)
-    truth = read_truth(folder / "truth.npz", size, size, maps.reflectance.shape[-1])
-    return Chart(maps, truth, n_event, summary["error"])
+    return Chart(maps, truth, n_event, evsdr.score(maps, truth))
 
 
 def find_patches(truth: Truth) -> np.ndarray:

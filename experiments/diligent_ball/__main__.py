@@ -6,8 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from evsdr.errors import InputError
-from evsdr.metrics import angular_error_deg
+from evsdr import InputError, angular_error_deg
 
 from .compute import REPOSITORY, Ball, Result, data_path, methods, read_ball
 

@@ -4,23 +4,23 @@ Data: DiLiGenT, Shi et al., "A Benchmark Dataset and Evaluation for Non-Lamberti
 Stereo", CVPR 2016; the object "ball", cropped.
 """
 
-import io
 import os
 from collections.abc import Iterator
-from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from evsdr.commands import fit, simulate
-from evsdr.records import Maps
+import evsdr
+from evsdr import EventPixel, Maps, Schedule, Settings, Truth
+from evsdr.files.photographs import Stack, write_scene
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 MEDIAN_REFLECTANCE = 0.5  # assumed: the photographs don't tell their absolute scale
 DARK = 0.05  # signal below which a photograph counts as shadowed, a tenth of what the ball gives
 BRIGHTEST = 0.2  # share of a pixel's lit photographs that may hold its highlight
 PAUSE = 4  # LEDs between two dark slots
+SLOT_US, ROUNDS, CONSTANT_LIGHT = 20_000.0, 6, 0.05
 
 
 @dataclass(frozen=True)
@@ -149,13 +149,13 @@ def order_with_pauses(n_led: int) -> tuple[int, ...]:
 def fit_events(ball: Ball, folder: Path, order: tuple[int, ...] | None, ideal: bool) -> tuple[Maps, float]:
     """Simulate the events that the photographs of the rim cause, and fit them.
 
-    As `python -m evsdr.simulate --frames folder/stack.npz --out folder [--order ...] [--ideal]` and
-    `python -m evsdr.fit folder/scene.xml folder/events.h5 --mask folder/mask.npy` do.
+    As `python -m evsdr.simulate --frames stack.npz [--order ...] [--ideal]` and `python -m evsdr.fit scene.xml
+    events.h5 --mask mask.npy --gloss off` do.
 
     Parameters
     ----------
     folder : Path
-        For stack, recording and scene.
+        For the scene.
     order : tuple of int, optional
         LED of each slot, -1 for none; by default each in turn.
     ideal : bool
@@ -168,23 +168,19 @@ def fit_events(ball: Ball, folder: Path, order: tuple[int, ...] | None, ideal: b
         Events per pixel of the ball and second.
     """
     rim = rim_order(ball.light_direction)
-    folder.mkdir(parents=True, exist_ok=True)
-    np.save(folder / "mask.npy", ball.mask)
-    np.savez(
-        folder / "stack.npz",
-        frames=ball.signal[rim],
-        light_direction=ball.light_direction[rim],
-        normal=ball.normal,
-        mask=ball.mask,
+    grey = np.full((*ball.mask.shape, 1), MEDIAN_REFLECTANCE)
+    stack = Stack(
+        ball.signal[rim].astype(np.float32), ball.light_direction[rim], Truth(ball.normal, grey, ball.mask)
     )
-    options = simulate.Options(frames=folder / "stack.npz", out=folder, order=order, ideal=ideal)
-    with redirect_stdout(io.StringIO()):  # one table is enough
-        simulate.command(options)
-    matt = fit.Options(folder / "scene.xml", folder / "events.h5", mask=folder / "mask.npy", gloss="off")
-    found = fit.recover(matt)  # as least squares is
-    maps, summary = found.maps, found.summary
-    seconds = 1e-6 * options.slot_us * options.rounds * len(order or rim)
-    return maps, summary["numbers"]["events"] / np.count_nonzero(ball.mask) / seconds
+    folder.mkdir(parents=True, exist_ok=True)
+    write_scene(folder / "scene.xml", stack, CONSTANT_LIGHT)
+    schedule = Schedule(np.array(order or range(len(rim)), np.int32), SLOT_US, 1.0)
+    pixel = EventPixel().idealised() if ideal else EventPixel()
+    recording = evsdr.record(stack.frames, CONSTANT_LIGHT, pixel, schedule, ROUNDS)
+    matt = Settings(gloss="off")  # as least squares is
+    found = evsdr.fit(folder / "scene.xml", recording, matt, ball.mask)
+    seconds = 1e-6 * SLOT_US * ROUNDS * len(schedule.order)
+    return found.maps, found.summary["numbers"]["events"] / np.count_nonzero(ball.mask) / seconds
 
 
 def methods(ball: Ball, folder: Path) -> Iterator[Result]:

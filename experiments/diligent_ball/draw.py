@@ -8,8 +8,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from evsdr.files.results import encode_normal
-from evsdr.metrics import angular_error_deg
+from evsdr import angular_error_deg
 
 from .compute import Ball, Result
 
@@ -37,7 +36,7 @@ def draw(ball: Ball, results: list[Result], file: Path) -> None:
         (axes[0, 2], results[0].method, results[0].normal),
         (axes[0, 3], results[-1].method, results[-1].normal),
     ):
-        axis.imshow(np.where(outside, 1, encode_normal(normal, ball.mask) / 65535))
+        axis.imshow(np.where(outside, 1, 0.5 * (normal + 1)))
         axis.set_title(title)
     for axis, result in zip(axes[1], results):
         error = angular_error_deg(result.normal, ball.normal)

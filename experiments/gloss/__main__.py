@@ -7,7 +7,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from evsdr import jit
+from . import compute
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,6 @@ class Options:
 def main() -> int:
     """Simulate, fit by all methods, print one table per sphere."""
     options = tyro.cli(Options)
-    jit.start()
-    from . import compute
-
     for name in ("matt", "coating", "blinn-phong"):
         spheres = [compute.simulate(name, options.size, seed) for seed in range(options.seeds)]
         compute.run(spheres[0], next(iter(compute.METHODS)))  # compiles the kernels

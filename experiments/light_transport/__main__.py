@@ -27,7 +27,7 @@ def main() -> None:
         if options.effect not in (None, case.effect):
             continue
         results = run(case, OUT / f"{i}_{case.scene}", size)
-        scene = " ".join((case.scene, *case.define))
+        scene = " ".join((case.scene, *(f"{name}={value}" for name, value in case.define.items())))
         for r in results:
             table.add_row(case.effect, scene, r.way, f"{r.mae_deg:.2f}", f"{r.rmse:.4f}", f"{r.seconds:.1f}")
         found.append((f"{case.effect}\n{scene}", results))

@@ -1,14 +1,13 @@
 """What each modelled effect of light transport buys and costs, for scenes that need it and scenes that don't."""
 
-import io
 import re
 import shutil
 import warnings
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
-from evsdr.commands import fit, simulate
+import evsdr
+from evsdr import InputWarning, Recording, Settings, Truth
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = REPOSITORY / "scenes"
@@ -26,10 +25,10 @@ class Case:
         What is recorded, of `scenes/`; or `distant_ring`, see `write_distant_ring`.
     fitted : str
         What is fitted: the same, or one whose object is a placeholder.
-    define : tuple of str
-        For both.
+    define : dict
+        Parameters of both.
     ways : dict of dict
-        Options of the fit by name: without the effect, with it, and as `auto` decides.
+        Settings of the fit by name: without the effect, with it, and as `auto` decides.
     decision : str
         The entry of the summary's `model` that says what `auto` decided.
     """
@@ -37,14 +36,14 @@ class Case:
     effect: str
     scene: str
     fitted: str
-    define: tuple
+    define: dict
     ways: dict
     decision: str
 
 
 @dataclass(frozen=True)
 class Result:
-    """Errors and cost of one way: degrees, RMSE, seconds of the whole fit; and what was decided."""
+    """Errors and cost of one way: degrees, RMSE, seconds of the fit; and what was decided."""
 
     way: str
     mae_deg: float
@@ -61,15 +60,15 @@ SHADOWS, UNKNOWN = _ways("shadows", "off", "scene"), _ways("shadows", "off", "es
 LEDS, PATHS = _ways("leds", "far", "near"), _ways("light_paths", "direct", "indirect")
 GLOSS = _ways("gloss", "off", "lobe")
 CASES = (
-    Case("cast shadows", "sphere", "sphere", (), SHADOWS, "cast shadows"),
-    Case("cast shadows", "sphere_pole", "sphere_pole", (), SHADOWS, "cast shadows"),
-    Case("shape unknown", "relief", "relief_unknown", (), UNKNOWN, "cast shadows"),
-    Case("near LEDs", "near_ring", "near_ring", (), LEDS, "LEDs"),
-    Case("near LEDs", "distant_ring", "distant_ring", (), LEDS, "LEDs"),
-    Case("indirect light", "relief", "relief", ("max_depth=3",), PATHS, "light paths"),
-    Case("indirect light", "two_spheres", "two_spheres", ("max_depth=3",), PATHS, "light paths"),
-    Case("gloss", "sphere", "sphere", (), GLOSS, "gloss"),
-    Case("gloss", "glossy_sphere", "glossy_sphere", (), GLOSS, "gloss"),
+    Case("cast shadows", "sphere", "sphere", {}, SHADOWS, "cast shadows"),
+    Case("cast shadows", "sphere_pole", "sphere_pole", {}, SHADOWS, "cast shadows"),
+    Case("shape unknown", "relief", "relief_unknown", {}, UNKNOWN, "cast shadows"),
+    Case("near LEDs", "near_ring", "near_ring", {}, LEDS, "LEDs"),
+    Case("near LEDs", "distant_ring", "distant_ring", {}, LEDS, "LEDs"),
+    Case("indirect light", "relief", "relief", {"max_depth": 3}, PATHS, "light paths"),
+    Case("indirect light", "two_spheres", "two_spheres", {"max_depth": 3}, PATHS, "light paths"),
+    Case("gloss", "sphere", "sphere", {}, GLOSS, "gloss"),
+    Case("gloss", "glossy_sphere", "glossy_sphere", {}, GLOSS, "gloss"),
 )
 
 
@@ -96,21 +95,22 @@ def write_distant_ring(folder: Path) -> None:
 
 def run(case: Case, folder: Path, size: int) -> list[Result]:
     """Record once, fit without the effect, with it, and as `auto` decides."""
-    define = (f"size={size}", *case.define)
-    quiet = redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO())
-    with quiet[0], quiet[1], warnings.catch_warnings():
-        if case.scene == "distant_ring":
-            write_distant_ring(folder)
-        simulate.command(simulate.Options(scene_file(case.scene, folder), out=folder, define=define))
-        fit_one(case, folder, define, *next(iter(case.ways.items())))  # compiles
-        return [fit_one(case, folder, define, name, options) for name, options in case.ways.items()]
+    if case.scene == "distant_ring":
+        write_distant_ring(folder)
+    recorded = evsdr.load_scene(scene_file(case.scene, folder), size=size, **case.define)
+    recording, truth = evsdr.simulate(recorded)
+    fitted = scene_file(case.fitted, folder), {"size": size, **case.define}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        fit_one(case, *fitted, recording, truth, *next(iter(case.ways.items())))  # compiles
+        return [fit_one(case, *fitted, recording, truth, *way) for way in case.ways.items()]
 
 
-def fit_one(case: Case, folder: Path, define: tuple, name: str, options: dict) -> Result:
+def fit_one(
+    case: Case, file: Path, define: dict, recording: Recording, truth: Truth, name: str, settings: dict
+) -> Result:
     """Fit in one way."""
-    given = {"truth": folder / "truth.npz", "define": define}
-    summary = fit.recover(
-        fit.Options(scene_file(case.fitted, folder), folder / "events.h5", **given, **options)
-    ).summary
-    seconds = sum(summary["seconds"].values())
-    return Result(name, summary["mae_deg"], summary["rmse"], seconds, summary["model"][case.decision])
+    found = evsdr.fit(evsdr.load_scene(file, **define), recording, Settings(**settings))
+    error, seconds = evsdr.score(found.maps, truth), sum(found.summary["seconds"].values())
+    decision = found.summary["model"][case.decision]
+    return Result(name, error["mae_deg"], error["rmse"], seconds, decision)

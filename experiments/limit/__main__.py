@@ -9,7 +9,6 @@ import tyro
 from rich.console import Console
 
 from evsdr import jit
-from evsdr.files.atomic import atomic_path
 
 from . import summary, tables
 
@@ -66,11 +65,9 @@ def main(argv: list[str] | None = None) -> int:
         best = summary.best_constant_light(rows, signal)
         result |= {"sweeps": rows, "best constant light": best}
         console.print(tables.best_table(best, signal))
-    with atomic_path(options.out / "limit.json") as path:
-        path.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+    (options.out / "limit.json").write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
     if rows:
-        with atomic_path(options.out / "limit.md") as path:
-            path.write_text(tables.markdown(rows))
+        (options.out / "limit.md").write_text(tables.markdown(rows))
         from .draw import draw
 
         draw(rows, BASE_VALUE, signal, options.out / "limit.png")

@@ -1,6 +1,6 @@
 """Recordings of one scene under many settings: what is recovered, and what could be at best.
 
-Import after `evsdr.jit.start()`.
+Import once a scene is loaded, or after `evsdr.jit.start()`.
 """
 
 from dataclasses import dataclass, replace
@@ -8,24 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from evsdr.errors import InputError
-from evsdr.events.pairs import pair_events
-from evsdr.events.pixel import EventPixel
-from evsdr.events.record import record as recording_of
-from evsdr.events.record import ring_schedule
-from evsdr.fitting import decoder
-from evsdr.fitting.maps import assemble_maps
-from evsdr.fitting.settings import PRIORS, Settings
-from evsdr.light import ground_truth, scene, tracing
-from evsdr.limits.bound import Bound, event_pair_bound
-from evsdr.metrics import angular_error_deg, score
-from evsdr.model.illumination import Illumination
-from evsdr.records import Maps, Recording, Truth
-from evsdr.solve.problem import make_problem
+import evsdr
+from evsdr import EventPixel, InputError, Maps, Recording, Settings, Truth, angular_error_deg
+from evsdr.limits.bound import Bound
+from evsdr.limits.judge import Rendering, find_bound
+from evsdr.limits.judge import render as render_object
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 SPP = 16  # rays per pixel of the images, and for visibility
-CONVEX = ("sphere", "colorchecker")  # no cast shadows to trace, as `evsdr.fit` decides
 KNOWN_DEG = 30.0  # bound of a normal up to which a pixel is compared with it
 LEAST_NOISE = 0.01  # event noise of the bound where there is none: without noise it would be 0
 
@@ -78,78 +68,64 @@ class Rendered:
     ----------
     name : str
         Of the scene file.
-    ring : RingScene
-    signal : (n_led, height, width) float32
-        A_xj.
-    truth : Truth
-    light : Illumination
-        What a fit takes for the light, with cast shadows of the scene's geometry where there are any.
-    mask : (height, width) bool
-        Pixels that a fit solves.
+    size : int
+        Width and height [pixels].
+    object : Rendering
+        Its object under the ring.
     """
 
     name: str
-    ring: scene.RingScene
-    signal: np.ndarray
-    truth: Truth
-    light: Illumination
-    mask: np.ndarray
+    size: int
+    object: Rendering
 
-    def light_with(self, constant_light: float) -> Illumination:
-        """Give the light with another C_w."""
-        return replace(self.light, constant_light=type(self.light.constant_light)(constant_light))
+    @property
+    def truth(self) -> Truth:
+        """What is true of the object."""
+        maps = self.object.truth
+        return Truth(maps.normal, maps.reflectance, maps.mask)
+
+    def scene(self, setting: Setting):
+        """Load the scene with the constant light of a setting."""
+        return load(self.name, self.size, setting.constant_light)
+
+
+def load(name: str, size: int, constant_light: float = BASE.constant_light):
+    """Load a scene of `scenes/`."""
+    return evsdr.load_scene(SCENES / f"{name}.xml", size=size, constant_light=constant_light)
 
 
 def render(name: str, size: int, seed: int = 0) -> Rendered:
-    """Load a scene of `scenes/`, render its LED images and its truth, trace its light."""
-    ring = scene.load_scene(SCENES / f"{name}.xml", {"size": str(size)})
-    maps = ground_truth.surface_maps(ring, SPP, seed)
-    signal = tracing.led_images(ring, SPP, seed)
-    # another seed than that of the images, or the noise of both would cancel
-    light, coverage = tracing.trace_illumination(ring, SPP, name not in CONVEX, seed + 1)
-    return Rendered(
-        name, ring, signal, Truth(maps.normal, maps.reflectance, maps.mask), light, coverage >= 0.5
-    )
+    """Render the LED images and the truth of a scene of `scenes/`, trace its light."""
+    return Rendered(name, size, render_object(load(name, size), SPP, seed))
 
 
 def led_signal(rendered: Rendered) -> float:
     """Give the median signal of an LED that lights a pixel, over the pixels of the truth."""
-    signal = rendered.signal[:, rendered.truth.mask]
+    signal = rendered.object.signal[:, rendered.truth.mask]
     return float(np.median(signal[signal > 0]))
 
 
 def record(rendered: Rendered, setting: Setting, seed: int = 0) -> Recording:
     """Simulate a recording, as `evsdr.simulate --ideal` does; it tells the thresholds."""
-    schedule = ring_schedule(rendered.ring.leds.n_led)
-    return recording_of(
-        rendered.signal, setting.constant_light, setting.pixel(), schedule, setting.rounds, seed
-    )
+    scene = rendered.scene(setting)
+    return evsdr.simulate(scene, setting.pixel(), rounds=setting.rounds, seed=seed, spp=SPP)[0]
 
 
 def recover(rendered: Rendered, setting: Setting, recording: Recording, preset: str, priors: bool) -> Maps:
-    """Fit a recording as `evsdr.fit --thresholds known` does, with the light of `render`."""
-    mask = rendered.mask
-    light = rendered.light_with(setting.constant_light)
-    settings = Settings(preset=preset, priors=PRIORS if priors else ())
-    problem = make_problem(recording, pair_events(recording, mask), light, mask)
-    start = decoder.start_normals(rendered.ring, settings.init)
-    solution = decoder.solve(problem, start, settings)
-    return assemble_maps(problem, solution, mask.shape, rendered.ring)
+    """Fit a recording as `evsdr.fit --thresholds known` does, without a look for what the pixels don't have."""
+    settings = Settings(preset=preset, thresholds="known", refractory="known", lag="off", gloss="off")
+    settings = settings if priors else replace(settings, priors=())
+    return evsdr.fit(rendered.scene(setting), recording, settings).maps
 
 
 def bound_of(rendered: Rendered, setting: Setting, recording: Recording) -> Bound:
     """Give the bound of a recording; without event noise, that of `LEAST_NOISE`."""
-    truth, pixel = rendered.truth, setting.pixel()
+    pixel, light = setting.pixel(), rendered.object.illumination
     pixel = replace(pixel, event_noise=max(pixel.event_noise, LEAST_NOISE))
-    return event_pair_bound(
-        rendered.signal,
-        truth.normal,
-        truth.reflectance,
-        truth.mask,
-        rendered.light_with(setting.constant_light),
-        recording.schedule,
-        setting.rounds,
-        pixel,
+    light = replace(light, constant_light=type(light.constant_light)(setting.constant_light))
+    scene = rendered.scene(setting)
+    return find_bound(
+        scene, replace(rendered.object, illumination=light), recording.schedule, setting.rounds, pixel
     )
 
 
@@ -164,7 +140,7 @@ def compare(maps: Maps, truth: Truth, bound: Bound) -> dict:
         `..._bound`: mean of the bound over them; `..._ratio`: error / bound; None where no pixel is known. And the
         metrics of `score` over all of the truth's pixels.
     """
-    figures = score(maps, truth)
+    figures = evsdr.score(maps, truth)
     for name, found, least, known in (
         (
             "angle",
@@ -204,7 +180,7 @@ def run(rendered: Rendered, setting: Setting, presets: tuple[str, ...] = ("balan
         bound = bound_of(rendered, setting, recording)
     except InputError:  # no pixel fires two events
         return []
-    rate = len(recording.events) / np.count_nonzero(rendered.mask)
+    rate = len(recording.events) / np.count_nonzero(rendered.truth.mask)
     rows = []
     for preset in presets:
         for priors in (False, True):
@@ -236,7 +212,7 @@ def calibrate(rendered: Rendered) -> list[dict]:
     """Fit the base case and give the figures of `shares_within`, pixels alone and with priors."""
     recording = record(rendered, BASE)
     return [
-        {"scene": rendered.name, "size": rendered.ring.width, "priors": priors}
+        {"scene": rendered.name, "size": rendered.size, "priors": priors}
         | shares_within(recover(rendered, BASE, recording, "balanced", priors), rendered.truth)
         for priors in (False, True)
     ]

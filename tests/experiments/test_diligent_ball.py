@@ -101,6 +101,7 @@ def test_table_and_picture(ball, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::evsdr.InputWarning")  # the ball is glossy, and the fit says so
 def test_events_of_photographs_beside_least_squares(ball, tmp_path):
     """Events do better than least squares on the same photographs; with dark slots, twice as well."""
     rim = compute.rim_order(ball.light_direction)

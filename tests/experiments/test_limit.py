@@ -107,7 +107,7 @@ def test_too_much_constant_light_leaves_nothing(sphere):
 
 def test_light_signal_is_that_of_lit_pixels(sphere):
     assert 0.02 < compute.led_signal(sphere) < 0.5
-    masked = sphere.signal[:, sphere.truth.mask]
+    masked = sphere.object.signal[:, sphere.truth.mask]
     assert compute.led_signal(sphere) > np.median(masked)  # shadows left out
 
 

@@ -17,7 +17,7 @@ from evsdr.errors import InputError
 from evsdr.rig import driver, protocol
 from evsdr.rig.driver import Ring, RingSettings
 from evsdr.rig.log import parse_ring_log
-from evsdr.rig.protocol import frame, unframe
+from evsdr.rig.protocol import frame
 from tests.conftest import REPOSITORY
 from tests.support.fake_ring import FakeRing
 
@@ -44,12 +44,6 @@ def wait_for(condition):
     while not condition():
         assert time.monotonic() < end, "it does not happen"
         time.sleep(0.01)
-
-
-def test_checksum_is_that_of_the_standard():
-    assert frame("123456789") == b"123456789*29B1\n"  # the check value of CRC-16/CCITT-FALSE
-    assert unframe(b"123456789*29B1") == "123456789"
-    assert unframe(b"123456780*29B1") is None and unframe(b"*") is None and unframe(b"") is None
 
 
 def test_run_sends_settings_and_logs(tmp_path):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from evsdr.errors import InputError, InputWarning
-from evsdr.rig.camera_file import crop
 from evsdr.rig.raw import read_raw
 from tests.support.camera_files import TYPES, assert_same, encode_raw, random_recording
 
@@ -39,27 +38,6 @@ def test_order_of_halves_is_guessed(tmp_path, rng, kind):
     assert_same(read_raw(path), camera)
 
 
-def test_time_of_evt3_begins_with_its_high_part(tmp_path):
-    """Words before the first time high are left out, and the time low starts over at a new time high."""
-    early = [0x2025, 0x6005, 0x0001, 0x2002, 0x3001, 0x4001, 0xA001]  # the first looks like "% "
-    words = np.array([*early, 0x8003, 0x2804, 0x6007, 0x2005, 0xA101, 0x8003, 0x2006, 0x8004, 0x2007], "<u2")
-    path = tmp_path / "a.raw"
-    path.write_bytes(b"% format EVT3;height=8;width=8\n% end\n" + words.tobytes())
-    camera = read_raw(path)
-    assert camera.events.t.tolist() == [3 << 12, 3 << 12 | 7, 3 << 12 | 7, 4 << 12]
-    assert camera.events.x.tolist() == [4, 5, 6, 7] and camera.events.p.tolist() == [1, 0, 0, 0]
-    assert (camera.edges.t.tolist(), camera.edges.id.tolist()) == ([3 << 12 | 7], [1])
-
-
-def test_masks_of_evt3(tmp_path):
-    words = np.array([0x8001, 0x6002, 0x0003, 0x3805, 0x4801, 0x5081, 0x4002], "<u2")
-    path = tmp_path / "a.raw"
-    path.write_bytes(b"% format EVT3;height=8;width=64\n% end\n" + words.tobytes())
-    events = read_raw(path).events
-    assert events.x.tolist() == [5, 16, 17, 24, 26]
-    assert set(events.y) == {3} and set(events.p) == {1} and set(events.t) == {4098}
-
-
 def test_header_without_end_and_size_by_hand(tmp_path):
     words = np.array([0x8001, 0x0003, 0x2005], "<u2").tobytes()
     path = tmp_path / "a.raw"
@@ -78,20 +56,6 @@ def test_cut_last_word_warns(tmp_path, rng):
         assert_same(read_raw(path), camera)
 
 
-def test_steps_back_in_time_are_sorted(tmp_path):
-    words = np.array([0x8002, 0x0001, 0x2001, 0x8001, 0x2002, 0xA001, 0x8002, 0xA000], "<u2")
-    path = tmp_path / "a.raw"
-    path.write_bytes(b"% format EVT3;height=8;width=8\n% end\n" + words.tobytes())
-    with pytest.warns(
-        InputWarning, match="time steps back 1 times, by 4096 us at most; the events are sorted"
-    ):
-        camera = read_raw(path)
-    assert camera.events.t.tolist() == [4096, 8192] and camera.events.x.tolist() == [2, 1]
-    words[0] = 0x8010
-    path.write_bytes(b"% format EVT3;height=8;width=8\n% end\n" + words.tobytes())
-    assert_refused(path, "time steps back by 0.061 s after 0.066 s")
-
-
 def test_few_unknown_words_warn(tmp_path, rng):
     camera = random_recording(rng, n_event=4000, n_edge=2)
     path = tmp_path / "a.raw"
@@ -107,21 +71,6 @@ def test_few_events_outside_are_left_out(tmp_path, rng):
     path.write_bytes(encode_raw(camera, "EVT2") + stray)
     with pytest.warns(InputWarning, match="1 events outside the sensor of 64 x 48 pixels are left out"):
         assert_same(read_raw(path), camera)
-
-
-def test_crop(rng):
-    camera = random_recording(rng, n_event=5000, n_edge=2)
-    cut = crop(camera, 8, 5, 20, 30)
-    inside = (
-        (camera.events.x // 4 >= 2) & (camera.events.x < 28) & (camera.events.y >= 5) & (camera.events.y < 35)
-    )
-    np.testing.assert_array_equal(cut.events.x, camera.events.x[inside] - 8)
-    np.testing.assert_array_equal(cut.events.y, camera.events.y[inside] - 5)
-    np.testing.assert_array_equal(cut.events.t, camera.events.t[inside])
-    assert (cut.width, cut.height) == (20, 30)
-    for region in ((-1, 0, 5, 5), (0, 0, 65, 5), (0, 44, 5, 5), (3, 3, 0, 5)):
-        with pytest.raises(InputError, match=f"--crop {' '.join(map(str, region))} does not lie inside"):
-            crop(camera, *region)
 
 
 def test_real_recordings(shared_data):

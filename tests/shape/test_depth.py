@@ -73,7 +73,6 @@ def test_plane():
     normal, depth = surface(camera, 23, 36, lambda x, y: (0.7 * x - 2 * y, 0.7, -2.0))
     result = integrate_normals(3 * normal, np.ones((23, 36)), camera, anchor=depth)
     assert rms(result, depth) < 1e-5
-    assert result.residual_deg.max() < 0.01
 
 
 @pytest.mark.parametrize("perspective", [False, True])
@@ -112,7 +111,6 @@ def test_noise():
     normal = tilt(normal, 1.0, np.random.default_rng(5))
     result = integrate_normals(normal, np.ones((64, 64)), camera, np.ones((64, 64)), depth)
     assert rms(result, depth) < 0.1 * 0.02
-    assert 0.3 < np.median(result.residual_deg) < 1.0
 
 
 def dense(weight, difference, shape):
@@ -165,7 +163,6 @@ def test_discontinuity():
     step = np.diff(depth, axis=1)[:24, 31]
     kept = [np.mean(np.diff(d.depth, axis=1)[:24, 31] / step) for d in (plain, robust)]
     assert kept[0] < 0.4 and kept[1] > 0.6
-    assert robust.residual_deg[:24, 31:33].min() > 20 > 5 > np.median(robust.residual_deg)
 
 
 def test_wrong_normals_that_nobody_announced():
@@ -197,7 +194,7 @@ def test_nothing_known():
     result = integrate_normals(
         np.full((9, 9, 3), [0.6, 0, 0.8]), np.ones((9, 9)), orthographic(9, 9), np.full((9, 9), 180.0)
     )
-    assert np.isfinite(result.depth).all() and np.isfinite(result.residual_deg).all()
+    assert np.isfinite(result.depth).all()
 
 
 def test_mask_with_holes_and_components():
@@ -212,7 +209,7 @@ def test_mask_with_holes_and_components():
     sigma = np.where(mask, 1.0, np.nan)
     result = integrate_normals(normal, mask, camera, sigma, 2.0)
     assert result.component.max() == 2 and (result.component > 0).tolist() == mask.tolist()
-    assert (result.depth[~mask] == 0).all() and (result.residual_deg[~mask] == 0).all()
+    assert (result.depth[~mask] == 0).all()
     for k in (1, 2):
         part = result.component == k
         np.testing.assert_allclose(result.depth[part].mean(), 2.0, rtol=1e-12)
@@ -240,7 +237,6 @@ def test_one_pixel():
     mask[2, 3] = 1
     result = integrate_normals(np.ones((5, 6, 3)), mask, orthographic(5, 6), anchor=4.0)
     assert result.depth[2, 3] == 4 and np.count_nonzero(result.depth) == 1
-    assert result.residual_deg[2, 3] == 0
 
 
 def test_defaults_of_the_anchor():

@@ -1,0 +1,105 @@
+"""Contrast thresholds of each pixel from a flicker."""
+
+import json
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from evsdr.calibration.thresholds import flicker_schedule, log_waveform, measure_thresholds
+from evsdr.commands import calibrate
+from evsdr.events.pixel import EventPixel
+from evsdr.events.simulator import simulate_events
+from evsdr.files.events_h5 import read_recording, write_recording
+from evsdr.records import Recording, Schedule, Sensor
+from tests.support.white_patches import QUIET
+
+N_STEP, PERIOD_US = 64, 400_000.0
+
+
+def record_flicker(pixel: EventPixel, rounds: int = 20) -> tuple[Recording, np.ndarray, np.ndarray]:
+    """Let pixels see exp(sin), drawn by a ring of 64 lights that fade into each other."""
+    wave = np.exp(np.sin(2 * np.pi * np.arange(N_STEP) / N_STEP))
+    signal = np.broadcast_to(0.3 * wave[:, None, None], (N_STEP, 8, 10))
+    ring = Schedule(np.arange(N_STEP, dtype=np.int32), PERIOD_US / N_STEP, 1.0)
+    events, on, off, starts = simulate_events(signal, 0.0, ring, rounds, pixel, seed=2)
+    schedule = Schedule(np.zeros(1, np.int32), PERIOD_US, 1.0)
+    return Recording(events, Sensor(10, 8, 0.25, 0.38, 52.0), schedule, starts), on, off
+
+
+@pytest.fixture(scope="module")
+def flicker():
+    return record_flicker(replace(QUIET, spread_on=0.05, spread_off=0.04))
+
+
+def test_thresholds_within_two_percent(flicker):
+    recording, on, off = flicker
+    found = measure_thresholds(
+        recording, log_waveform("sine-log", 2.0), flicker_schedule(recording, None, None)
+    )
+    for one, truth in zip(found, (on, off)):
+        assert one.known.all() and np.abs(one.value / truth - 1).max() < 0.02
+        z = (one.value - truth) / one.sigma
+        assert 0.7 < np.sqrt(np.mean(z**2)) < 1.8
+        assert one.noise == pytest.approx(0.02, rel=0.2)
+
+
+def test_a_hot_pixel_has_no_threshold_of_its_own():
+    recording, on, _ = record_flicker(replace(QUIET, event_noise=0.0, hot_fraction=0.1, hot_hz=300.0), 5)
+    schedule = flicker_schedule(recording, None, None)
+    found, _ = measure_thresholds(recording, log_waveform("sine-log", 2.0), schedule)
+    count = np.zeros(on.shape, int)
+    np.add.at(count, (recording.events.y, recording.events.x), 1)
+    hot = count > 2 * np.median(count)
+    assert 0 < hot.sum() < 20
+    np.testing.assert_array_equal(found.known, ~hot)
+    np.testing.assert_allclose(found.value, on, rtol=0.02)
+
+
+def test_waveforms(tmp_path):
+    at = np.linspace(0, 1, 4097)
+    triangle = log_waveform("triangle-log", 2.0)
+    np.testing.assert_allclose(triangle[[0, 1024, 2048, 3072, 4096]], [0, 1, 0, -1, 0], atol=1e-12)
+    np.testing.assert_allclose(log_waveform("sine", 0.5), np.log1p(0.5 * np.sin(2 * np.pi * at)), atol=1e-12)
+    (tmp_path / "wave.csv").write_text("phase,intensity\n0,1\n0.25,2\n0.5,1\n0.75,0.5\n")
+    found = log_waveform(str(tmp_path / "wave.csv"), 1.0)
+    np.testing.assert_allclose(found[[0, 1024, 3584]], [0, np.log(2), np.log(0.5) / 2], atol=1e-12)
+
+
+def test_thresholds_command_applies_them_to_a_recording(flicker, tmp_path):
+    recording, on, off = flicker
+    write_recording(tmp_path / "flicker.h5", recording)
+    write_recording(tmp_path / "ring.h5", recording)
+    out = tmp_path / "out"
+    arguments = ["thresholds", str(tmp_path / "flicker.h5"), "--apply", str(tmp_path / "ring.h5")]
+    assert calibrate.main([*arguments, "--out", str(out)]) == 0
+    applied = read_recording(out / "ring.h5").sensor
+    np.testing.assert_allclose(applied.contrast_threshold_on, on, rtol=0.02)
+    np.testing.assert_allclose(applied.contrast_threshold_off, off, rtol=0.02)
+    with h5py.File(out / "thresholds.h5") as file:
+        np.testing.assert_array_equal(file["sensor/contrast_threshold_on"][()], applied.contrast_threshold_on)
+        assert (file["sensor/contrast_threshold_on_sigma"][()] > 0).all()
+    said = json.loads((out / "calibration.json").read_text())
+    assert said["contrast_threshold_on"]["pixels_known"] == 80
+    assert (out / "residuals.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        ([], "no trigger edges"),
+        (["--start-us", "0", "--depth", "0"], "--depth is 0"),
+        (["--start-us", "0", "--waveform", "square"], "neither one of sine-log"),
+        (["--start-us", "200000"], "polarity that the waveform forbids"),
+        (["--start-us", "0", "--period-us", "0"], "--period-us is 0"),
+        (["--start-us", "0", "--apply", "none.h5"], "there is no such file"),
+    ],
+)
+def test_flickers_that_can_not_be_used_are_refused(flicker, tmp_path, capsys, arguments, says):
+    recording = replace(flicker[0], round_start_us=np.empty(0, np.int64))
+    write_recording(tmp_path / "flicker.h5", recording)
+    out = tmp_path / "out"
+    assert calibrate.main(["thresholds", str(tmp_path / "flicker.h5"), "--out", str(out), *arguments]) == 2
+    assert says in capsys.readouterr().err
+    assert not out.exists()

@@ -1,0 +1,44 @@
+"""Experiments use what `evsdr` exports, and beyond it only the modules that they measure."""
+
+import ast
+
+import pytest
+
+import evsdr
+from tests.conftest import REPOSITORY
+
+EXPERIMENTS = REPOSITORY / "experiments"
+# Modules that an experiment measures, draws with, or must start before them.
+MEASURED = {
+    "bench": {"commands.console", "rig", "events.phase", "fitting.simulation"},
+    "benchmark.py": {"jit"},
+    "cast_shadow": {"light"},  # tells where shadows are
+    "colour_chart": {"files.daylight"},
+    "daylight_table.py": {"files.daylight"},
+    "diligent_ball": {"files.photographs"},
+    "gloss": {"fitting.simulation", "light"},  # adds a lobe to rendered images
+    "limit": {"limits", "jit"},
+    "picture.py": {"files.daylight"},
+}
+FILES = sorted(path.relative_to(EXPERIMENTS) for path in EXPERIMENTS.rglob("*.py"))
+
+
+def imported(path):
+    """Give the names below evsdr that a file imports, and those it takes as attributes of evsdr."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "evsdr":
+            yield from (".".join([*node.module.split(".")[1:], alias.name]) for alias in node.names)
+        elif isinstance(node, ast.Import):
+            yield from (alias.name[6:] for alias in node.names if alias.name.startswith("evsdr."))
+        elif (
+            isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "evsdr"
+        ):
+            yield node.attr
+
+
+@pytest.mark.parametrize("file", FILES, ids=str)
+def test_it_imports_what_is_public_or_measured(file):
+    allowed = MEASURED.get(file.parts[0], set())
+    for name in imported(EXPERIMENTS / file):
+        public = name in evsdr.__all__
+        assert public or any(f"{name}.".startswith(f"{module}.") for module in allowed), name
