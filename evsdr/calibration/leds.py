@@ -20,6 +20,7 @@ from evsdr.errors import InputError, InputWarning, check_range
 from evsdr.files.events_h5 import read_recording
 from evsdr.files.mask import read_mask
 from evsdr.light.camera import view_of
+from evsdr.light.checks import check_film, check_object
 from evsdr.light.entry import open_scene
 from evsdr.metrics import angular_error_deg
 from evsdr.model.view import View, depth_of_origin, pixel_centers
@@ -63,12 +64,7 @@ class Ball:
 def _read_events(path: Path, ring) -> Recording:
     """Read a recording and check that it belongs to the scene."""
     recording = read_recording(path)
-    size = (recording.sensor.width, recording.sensor.height)
-    if size != (ring.width, ring.height):
-        raise InputError(
-            f"{ring.path}: the film is {ring.width} x {ring.height} pixels but the events of {path} are "
-            f"{size[0]} x {size[1]}; make the film as large as the sensor region."
-        )
+    check_film(ring, recording)
     lit = set(recording.schedule.order[recording.schedule.order >= 0].tolist())
     if lit != set(range(ring.leds.n_led)):
         raise InputError(
@@ -94,8 +90,7 @@ def _nominal_light(ring) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     light, coverage = trace_illumination(ring, 1, False)
     mask = coverage >= 0.5
-    if not mask.any():
-        raise InputError(f"{ring.path}: the camera does not see the shape object; move one of them.")
+    check_object(ring, mask)
 
     def pick(value) -> np.ndarray:
         array = np.asarray(value, float).reshape(-1, np.asarray(value).shape[-1])

@@ -7,6 +7,7 @@ import numpy as np
 from evsdr.errors import InputError
 from evsdr.files.mask import read_mask
 from evsdr.fitting.settings import Settings
+from evsdr.light.checks import check_film, check_object
 from evsdr.light.scene import RingScene
 from evsdr.records import Recording
 
@@ -16,12 +17,7 @@ THRESHOLDS = (1e-3, 10.0)  # of natural log intensity, outside of which no event
 
 def check_fit(ring: RingScene, recording: Recording, settings: Settings) -> None:
     """Check that scene and recording belong together."""
-    size = (recording.sensor.width, recording.sensor.height)
-    if size != (ring.width, ring.height):
-        raise InputError(
-            f"{ring.path}: the film is {ring.width} x {ring.height} pixels but the events of {recording.source} "
-            f"are {size[0]} x {size[1]}; make the film as large as the sensor region."
-        )
+    check_film(ring, recording)
     for name in ("contrast_threshold_on", "contrast_threshold_off"):
         threshold = np.asarray(getattr(recording.sensor, name))
         if threshold.min() < THRESHOLDS[0] or threshold.max() > THRESHOLDS[1]:
@@ -45,8 +41,7 @@ def check_fit(ring: RingScene, recording: Recording, settings: Settings) -> None
 def object_mask(ring: RingScene, coverage: np.ndarray, wanted: np.ndarray | str | Path | None) -> np.ndarray:
     """Give the pixels to solve: those that the object covers and the user's mask, an array or a file, holds."""
     mask = coverage >= 0.5
-    if not mask.any():
-        raise InputError(f"{ring.path}: the camera does not see the shape object; move one of them.")
+    check_object(ring, mask)
     if wanted is None:
         return mask
     if isinstance(wanted, str | Path):

@@ -10,6 +10,7 @@ import numpy as np
 from evsdr.errors import InputError
 from evsdr.events.pixel import EventPixel
 from evsdr.integrators.leds import emitter_id
+from evsdr.light.checks import check_object
 from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import RingScene
 from evsdr.light.tracing import led_images, light_at_centre, trace_illumination
@@ -48,8 +49,7 @@ def render(ring: RingScene, spp: int, seed: int) -> Rendering:
         The camera does not see it.
     """
     truth = surface_maps(ring, spp, seed)
-    if not truth.mask.any():
-        raise InputError(f"{ring.path}: the camera does not see the shape object; move one of them.")
+    check_object(ring, truth.mask)
     signal = led_images(ring, spp, seed)
     illumination, _ = trace_illumination(ring, spp, True, seed)
     return Rendering(truth, signal, illumination)
