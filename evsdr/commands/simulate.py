@@ -23,7 +23,7 @@ class Options:
     out: Path = field(kw_only=True)
     """Folder for events.h5 and truth.npz."""
     frames: Path | None = None
-    """Photographs with known lights instead of a scene: an .npz, see `evsdr/photographs.py`. Writes a
+    """Photographs with known lights instead of a scene: an .npz, see `evsdr/files/photographs.py`. Writes a
     scene.xml too."""
     constant_light: float | None = None
     """C_w with --frames, 0.05 by default; a scene brings its own."""
