@@ -164,7 +164,7 @@ def test_events_lead_back_to_the_sphere(save, tmp_path, dark_slot, largest_angle
     np.save(tmp_path / "mask.npy", true["mask"])
     recording = ("--frames", save(), "--out", out, "--ideal", "--constant-light", "0.02")
     assert simulate.main([*map(str, recording), "--order", *map(str, (*range(N_LED), *dark_slot))]) == 0
-    fitting = (out / "scene.xml", out / "events.h5", "--mask", tmp_path / "mask.npy")
+    fitting = (out / "scene.xml", out / "events.h5", "--mask", tmp_path / "mask.npy", "--preset", "fast")
     assert fit.main([*map(str, fitting)]) == 0
     maps = np.load(out / "events" / "maps.npz")
     assert angular_error_deg(maps["normal"], true["normal"])[true["mask"]].mean() < largest_angle

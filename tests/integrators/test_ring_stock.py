@@ -34,7 +34,7 @@ CORNER = {  # two planes that light each other
 }
 
 
-def quadrants(integrator, scene, spp, n_render=12):
+def quadrants(integrator, scene, spp, n_render=8):
     """Mean of each image quadrant, (2, 2, n_channel), and its standard error by independent renders."""
     image = [np.array(integrator.render(scene, seed=k, spp=spp), dtype=float) for k in range(n_render)]
     mean = np.array(image).reshape(n_render, 2, HEIGHT // 2, 2, WIDTH // 2, -1).mean(axis=(2, 4))
@@ -103,15 +103,14 @@ def test_turned_perspective_camera_that_sees_a_light_equals_stock():
     assert_equals_stock(objects, leds, {"type": "path", "max_depth": 3}, max_depth=2, view=view, spp=36)
 
 
-@pytest.mark.slow
-def test_each_of_24_leds_equals_its_stock_render():
-    azimuth = 2 * np.pi * np.arange(24) / 24
-    direction = np.stack([np.cos(azimuth), np.sin(azimuth), np.ones(24)], axis=1)
-    centre_nm = [405, 430, 460, 490, 525, 560, 595, 635] * 3
+def test_each_of_8_leds_equals_its_stock_render():
+    azimuth = 2 * np.pi * np.arange(8) / 8
+    direction = np.stack([np.cos(azimuth), np.sin(azimuth), np.ones(8)], axis=1)
+    centre_nm = [405, 430, 460, 490, 525, 560, 595, 635]
     objects = {
         "object": {"type": "sphere", "bsdf": diffuse([(340, 0.2), (550, 0.5), (700, 0.8)])},
         "pole": {"type": "cylinder", "p0": [0.3, 0.9, 0.4], "p1": [0.2, 0.4, 1.6], "radius": 0.1},
     }
-    leds = {f"led_{j:02d}": far(direction[j], peak(centre_nm[j])) for j in range(24)}
+    leds = {f"led_{j:02d}": far(direction[j], peak(centre_nm[j])) for j in range(8)}
     twin = {name: (far(direction[j]), peak(centre_nm[j])) for j, name in enumerate(leds)}
     assert_equals_stock(objects, leds, {"type": "direct"}, response=1.0, twin=twin)
