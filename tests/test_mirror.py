@@ -30,7 +30,6 @@ OPEN = {
     "solve/neighbours/spectra.py",
     "solve/neighbours/stencils.py",
     "solve/neighbours/system.py",
-    "solve/problem.py",
     "solve/unknowns.py",
     "effects/gloss_terms.py",
     "fitting/decoder.py",
