@@ -14,7 +14,7 @@ CAMERA = CameraGeometry(False, (0.1, 0.1), (6.0, 5.0))
 
 def depth_map(depth, mask=None, camera=CAMERA):
     mask = np.ones(depth.shape, bool) if mask is None else mask
-    return Depth(np.where(mask, depth, 0), mask, mask.astype(np.int32), np.zeros(mask.shape), camera)
+    return Depth(np.where(mask, depth, 0), mask, mask.astype(np.int32), camera)
 
 
 def frontal(shape):

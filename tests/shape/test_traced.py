@@ -16,7 +16,7 @@ CAMERAS = [CameraGeometry(False, (0.1, 0.1), (6.0, 4.5)), CameraGeometry(True, (
 def make_depth(depth, mask=None, camera=CAMERAS[0], component=None):
     mask = np.ones(depth.shape, bool) if mask is None else mask
     component = mask.astype(np.int32) if component is None else component
-    return Depth(np.where(mask, depth, 0), mask, component, np.zeros(mask.shape), camera)
+    return Depth(np.where(mask, depth, 0), mask, component, camera)
 
 
 def make_maps(mask, normal=(0.0, 0, 1)):
