@@ -19,7 +19,7 @@ from tests.support.worlds import load
 def make_depth(depth, mask, geometry):
     from evsdr.shape.depth import Depth
 
-    return Depth(np.where(mask, depth, 0), mask, mask.astype(np.int32), np.zeros(mask.shape), geometry)
+    return Depth(np.where(mask, depth, 0), mask, mask.astype(np.int32), geometry)
 
 
 @pytest.mark.parametrize("kind", ["orthographic", "perspective"])
