@@ -1,35 +1,27 @@
-"""`calibrate directions` and `calibrate powers`: read, estimate, write."""
+"""`calibrate directions`: read, estimate, write."""
 
-import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from scipy.ndimage import binary_erosion
 
 from evsdr.calibration import ball as balls
-from evsdr.calibration import chart as colours
 from evsdr.calibration import draw
-from evsdr.calibration import patch as patching
-from evsdr.calibration.equations import collect_pairs, join, thin
+from evsdr.calibration.equations import collect_pairs, thin
 from evsdr.calibration.mirror import find_highlights, led_contrast
+from evsdr.calibration.ring_recording import MISFIT, count_events, fit_result, nominal_light, read_ring_events
 from evsdr.calibration.scene_text import find_leds, flatten, include_text, place_led, scale_led
-from evsdr.errors import InputError, InputWarning, check_range
-from evsdr.files.events_h5 import read_recording
+from evsdr.errors import InputError, check_range
 from evsdr.files.mask import read_mask
 from evsdr.light.camera import view_of
-from evsdr.light.checks import check_film, check_object
 from evsdr.light.entry import open_scene
 from evsdr.metrics import angular_error_deg
 from evsdr.model.view import View, depth_of_origin, pixel_centers
 from evsdr.records import Recording
 
-START_LIGHT = 0.05  # C_w to start from where the scene has none, relative to the LEDs
 START_RATIO = 10.0  # LED over C_w on a ball, to start from
 FAR = 4.0  # distance of an LED to start from, in radii of the ball
-MISFIT = 0.5  # noise of the residuals, in thresholds, above which model and events contradict each other
 VAGUE_DEG = 10.0  # sigma of a direction above which it is not known
 
 
@@ -59,68 +51,6 @@ class Ball:
     near: bool = False
     radius: float | None = None
     center_z: float = 0.0
-
-
-def _read_events(path: Path, ring) -> Recording:
-    """Read a recording and check that it belongs to the scene."""
-    recording = read_recording(path)
-    check_film(ring, recording)
-    lit = set(recording.schedule.order[recording.schedule.order >= 0].tolist())
-    if lit != set(range(ring.leds.n_led)):
-        raise InputError(
-            f"{path}: schedule/order lights {len(lit)} LEDs but {ring.path} has {ring.leds.n_led}; light each "
-            "of them."
-        )
-    return recording
-
-
-def _count(recording: Recording) -> np.ndarray:
-    """Count the events of each pixel (H, W)."""
-    height, width = recording.sensor.height, recording.sensor.width
-    where = recording.events.y.astype(np.int64) * width + recording.events.x
-    return np.bincount(where, minlength=height * width).reshape(height, width)
-
-
-def _nominal_light(ring) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Give directions (n_led, n, 3), camera frame, fall-off (n_led, n), and where the object is (H, W).
-
-    n is 1 for far LEDs, else the number of pixels that see the object.
-    """
-    from evsdr.light.tracing import trace_illumination
-
-    light, coverage = trace_illumination(ring, 1, False)
-    mask = coverage >= 0.5
-    check_object(ring, mask)
-
-    def pick(value) -> np.ndarray:
-        array = np.asarray(value, float).reshape(-1, np.asarray(value).shape[-1])
-        return array if array.shape[1] == 1 else array[:, mask.ravel()]
-
-    direction = [pick(d).T for d in light.direction]
-    gain = [pick(e)[0] / power for e, power in zip(light.irradiance, ring.leds.power)]
-    n = max(len(d) for d in direction)
-    direction = np.stack([np.broadcast_to(d, (n, 3)) for d in direction])
-    return direction, np.stack([np.broadcast_to(g, (n,)) for g in gain]), mask
-
-
-def _fit_result(solution, n_pixel: int) -> dict:
-    if solution.noise > MISFIT:
-        warnings.warn(
-            InputWarning(
-                f"the events scatter by {solution.noise:.0%} of a threshold around the model; check order, "
-                "slot_us, "
-                "triggers, thresholds, and what the camera saw."
-            )
-        )
-    if not solution.converged:
-        warnings.warn(InputWarning("the estimate has not settled; its sigma is too small."))
-    return {
-        "pixels": n_pixel,
-        "pairs": len(solution.residual),
-        "relative_threshold_noise": solution.noise,
-        "settled": solution.converged,
-        "photoreceptor_lag_ms_at_constant_light": {"value": solution.lag_ms, "sigma": solution.lag_ms_sigma},
-    }
 
 
 def directions(
@@ -155,8 +85,8 @@ def directions(
     check_range("--seed", seed, 0)
     ring = open_scene(scene, define)
     view = view_of(ring)
-    recording = _read_events(events, ring)
-    direction, gain, _ = _nominal_light(ring)
+    recording = read_ring_events(events, ring)
+    direction, gain, _ = nominal_light(ring)
     nominal = direction.mean(axis=1)
     nominal /= np.linalg.norm(nominal, axis=1, keepdims=True)
     outline = _ball_outline(ball, view, recording)
@@ -165,7 +95,7 @@ def directions(
         position = position_sigma = noise = None
     else:
         found, image, pairs = _matt(ball, view, recording, outline, nominal, gain.mean(axis=1), ring, seed)
-        fit = _fit_result(found.solution, int(np.count_nonzero(pairs)))
+        fit = fit_result(found.solution, int(np.count_nonzero(pairs)))
         residual, noise = found.solution.residual, found.solution.noise
         position, position_sigma = found.position, found.position_sigma
         outline = found.outline
@@ -229,7 +159,7 @@ def _ball_outline(ball: Ball, view: View, recording: Recording) -> np.ndarray:
         return balls.fit_outline(view, read_mask(ball.mask, shape))
     if ball.surface == "mirror":
         raise InputError("the outline of a mirror ball can't be found from events; give --circle or --mask.")
-    return balls.fit_outline(view, balls.firing_mask(_count(recording)))
+    return balls.fit_outline(view, balls.firing_mask(count_events(recording)))
 
 
 def _mirror(ball, view, recording, outline, n_led, seed):
@@ -239,7 +169,7 @@ def _mirror(ball, view, recording, outline, n_led, seed):
     balls.ball_pixels(view, outline, shape, seed)
     found = find_highlights(view, led_contrast(recording, n_led), outline)
     fit = {"highlight_pixels": found.center.tolist(), "highlight_rms_radius_pixels": found.spread.tolist()}
-    return found, _count(recording).astype(float), None, fit
+    return found, count_events(recording).astype(float), None, fit
 
 
 def _matt(ball, view, recording, outline, nominal, gain, ring, seed):
@@ -261,140 +191,3 @@ def _matt(ball, view, recording, outline, nominal, gain, ring, seed):
         found = balls.solve_far(view, pairs, pixel, outline, nominal, START_RATIO)
     image = draw.pixel_mean(found.solution.residual, pairs.cluster, shape)
     return found, image, mask
-
-
-def powers(
-    folder: Path,
-    scene: Path,
-    tilts: Sequence[str],
-    reflectance: str = "0.99",
-    tilt_sigma_deg: float = 0.5,
-    seed: int = 0,
-    define: dict[str, str] | None = None,
-) -> dict:
-    """Find relative powers and constant light, from a white patch at several tilts.
-
-    Parameters
-    ----------
-    folder : Path
-        Gets rig.xml with both, and residuals.png.
-    scene : Path
-        Scene file with the camera and the calibrated directions.
-    tilts : sequence of str
-        For each `events.h5:nx,ny,nz` with the patch's normal, camera frame, and optionally `:mask.png`.
-    reflectance : str
-        Of the patch: a number, or a CSV of wavelength and reflectance.
-    tilt_sigma_deg : float
-        How well the normals are known [deg].
-    seed, define, returns, raises
-        As in `directions`.
-    """
-    check_range("--seed", seed, 0)
-    if not 0 <= tilt_sigma_deg < 45:
-        raise InputError(f"--tilt-sigma-deg is {tilt_sigma_deg:g}; give a standard deviation, 0 to 45.")
-    ring = open_scene(scene, define)
-    direction, gain, seen = _nominal_light(ring)
-    band_reflectance = _patch_reflectance(reflectance, ring.leds.band_spectrum)[ring.leds.band]
-    patches, parts, numbers, n_point = [], [], [], 0
-    for k, text in enumerate(tilts):
-        path, normal, mask_path = _parse_patch(text)
-        recording = _read_events(path, ring)
-        shape = (ring.height, ring.width)
-        mask = read_mask(mask_path, shape) if mask_path else _inner(balls.firing_mask(_count(recording)))
-        if direction.shape[1] > 1:
-            mask = mask & seen
-        if not mask.any():
-            raise InputError(
-                f"{path}: no pixel sees the patch; give a mask, or place the scene's object there."
-            )
-        chosen = mask[seen] if direction.shape[1] > 1 else slice(None)
-        point = n_point + (
-            np.cumsum(mask).reshape(shape) - 1 if direction.shape[1] > 1 else np.zeros(shape, int)
-        )
-        try:
-            parts.append(collect_pairs(recording, mask, point))
-        except InputError as error:
-            raise InputError(
-                f"{path}: {error} A patch that all LEDs light alike fires nothing: put dark slots between "
-                "them."
-            ) from error
-        patches.append(
-            patching.Patch(normal, direction[:, chosen], gain[:, chosen] * band_reflectance[:, None])
-        )
-        numbers.append(np.full(len(parts[-1].change), k))
-        n_point += patches[-1].gain.shape[1]
-    joined = join(parts)
-    pairs = thin(joined, seed)
-    owner = np.repeat(np.arange(len(patches)), [p.gain.shape[1] for p in patches])[pairs.point]
-    nominal = ring.leds.power
-    start_light = ring.constant_light or START_LIGHT * nominal.mean()
-    found = patching.solve_powers(patches, pairs, nominal, start_light, tilt_sigma_deg)
-    leds = [
-        scale_led(led, float(found.power[j] / nominal[j]))
-        for j, led in enumerate(find_leds(flatten(scene, define or {})))
-    ]
-    title = "LED powers and constant light of evsdr.calibrate powers; include it before any other default."
-    (folder / "rig.xml").write_text(include_text(title, leds, {"constant_light": found.constant_light}))
-    draw.draw_powers(
-        folder / "residuals.png",
-        nominal,
-        found.power,
-        found.power_sigma,
-        owner,
-        found.solution.residual,
-        found.solution.noise,
-    )
-    result = {
-        "scene": str(scene),
-        "unit": "events tell ratios only: the mean power is that of the scene file, C_w is in that unit",
-        "constant_light": {"value": found.constant_light, "sigma": found.constant_light_sigma},
-        "fit": _fit_result(found.solution, len(np.unique(joined.cluster))),
-        "leds": [
-            {"id": led.get("id"), "power": float(p), "sigma": float(s), "scene_file": float(n)}
-            for led, p, s, n in zip(leds, found.power, found.power_sigma, nominal)
-        ],
-        "tilts": [
-            {
-                "patch": text,
-                "normal": found.normal[k].tolist(),
-                "change_deg": float(found.tilt_change_deg[k]),
-                "sigma_deg": float(found.tilt_sigma_deg[k]),
-            }
-            for k, text in enumerate(tilts)
-        ],
-    }
-    return result
-
-
-def _inner(mask: np.ndarray) -> np.ndarray:
-    """Leave out the border of a patch, whose pixels see it in part."""
-    return binary_erosion(mask, np.ones((3, 3)), border_value=1)
-
-
-def _parse_patch(text: str) -> tuple[Path, np.ndarray, Path | None]:
-    """Read `events.h5:nx,ny,nz` or `events.h5:nx,ny,nz:mask.png`."""
-    parts = text.split(":")
-    at = next((k for k in range(len(parts) - 1, 0, -1) if parts[k].count(",") == 2), None)
-    try:
-        normal = np.array([float(number) for number in parts[at].split(",")])
-        length = np.linalg.norm(normal)
-        if at < len(parts) - 2 or not 0 < length < np.inf or normal[2] <= 0:
-            raise ValueError
-    except (TypeError, ValueError):
-        raise InputError(
-            f"{text}: write a patch as events.h5:nx,ny,nz with its normal in the camera frame, nz above 0, "
-            "and "
-            "optionally :mask.png."
-        ) from None
-    return Path(":".join(parts[:at])), normal / length, Path(parts[-1]) if at == len(parts) - 2 else None
-
-
-def _patch_reflectance(text: str, band_spectrum: np.ndarray) -> np.ndarray:
-    """Give the patch's reflectance in each band, from a number or a CSV."""
-    try:
-        value = np.full(len(band_spectrum), float(text))
-    except ValueError:
-        value = colours.project(colours.read_spectra(text), band_spectrum).value[0]
-    if not (value > 0).all() or not (value <= colours.LARGEST).all():
-        raise InputError(f"--reflectance {text}: it must be above 0, and 0.99 or so for a white patch.")
-    return value

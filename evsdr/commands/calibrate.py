@@ -208,7 +208,7 @@ def _calibrate(options: Options, folder: Path) -> dict:
             )
             return directions(folder, options.scene, options.events, ball, options.seed, define)
         case Powers():
-            from evsdr.calibration.leds import powers
+            from evsdr.calibration.powers import powers
 
             return powers(
                 folder,

@@ -22,9 +22,11 @@ def test_both_kinds_are_read_whatever_their_name(tmp_path, camera):
 
 def test_a_size_by_hand_wins(tmp_path, camera):
     (tmp_path / "a.raw").write_bytes(encode_raw(camera, "EVT2"))
-    read = read_camera_file(tmp_path / "a.raw", (camera.width + 6, camera.height))
-    assert (read.width, read.height) == (camera.width + 6, camera.height)
-    np.testing.assert_array_equal(read.events.x, camera.events.x)
+    write_metavision(tmp_path / "b.hdf5", camera, 1)
+    for name in ("a.raw", "b.hdf5"):
+        read = read_camera_file(tmp_path / name, (camera.width + 6, camera.height))
+        assert (read.width, read.height) == (camera.width + 6, camera.height)
+        np.testing.assert_array_equal(read.events.x, camera.events.x)
     with pytest.raises(InputError, match="--sensor-size 0 5 is no size"):
         read_camera_file(tmp_path / "a.raw", (0, 5))
 

@@ -1,0 +1,75 @@
+"""A recording and the scene under whose ring it was made: what calibrations of LEDs share."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from evsdr.errors import InputError, InputWarning
+from evsdr.files.events_h5 import read_recording
+from evsdr.light.checks import check_film, check_object
+from evsdr.records import Recording
+
+MISFIT = 0.5  # noise of the residuals, in thresholds, above which model and events contradict each other
+
+
+def read_ring_events(path: Path, ring) -> Recording:
+    """Read a recording and check that it belongs to the scene."""
+    recording = read_recording(path)
+    check_film(ring, recording)
+    lit = set(recording.schedule.order[recording.schedule.order >= 0].tolist())
+    if lit != set(range(ring.leds.n_led)):
+        raise InputError(
+            f"{path}: schedule/order lights {len(lit)} LEDs but {ring.path} has {ring.leds.n_led}; light each "
+            "of them."
+        )
+    return recording
+
+
+def count_events(recording: Recording) -> np.ndarray:
+    """Count the events of each pixel (H, W)."""
+    height, width = recording.sensor.height, recording.sensor.width
+    where = recording.events.y.astype(np.int64) * width + recording.events.x
+    return np.bincount(where, minlength=height * width).reshape(height, width)
+
+
+def nominal_light(ring) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Give directions (n_led, n, 3), camera frame, fall-off (n_led, n), and where the object is (H, W).
+
+    n is 1 for far LEDs, else the number of pixels that see the object.
+    """
+    from evsdr.light.tracing import trace_illumination
+
+    light, coverage = trace_illumination(ring, 1, False)
+    mask = coverage >= 0.5
+    check_object(ring, mask)
+
+    def pick(value) -> np.ndarray:
+        array = np.asarray(value, float).reshape(-1, np.asarray(value).shape[-1])
+        return array if array.shape[1] == 1 else array[:, mask.ravel()]
+
+    direction = [pick(d).T for d in light.direction]
+    gain = [pick(e)[0] / power for e, power in zip(light.irradiance, ring.leds.power)]
+    n = max(len(d) for d in direction)
+    direction = np.stack([np.broadcast_to(d, (n, 3)) for d in direction])
+    return direction, np.stack([np.broadcast_to(g, (n,)) for g in gain]), mask
+
+
+def fit_result(solution, n_pixel: int) -> dict:
+    if solution.noise > MISFIT:
+        warnings.warn(
+            InputWarning(
+                f"the events scatter by {solution.noise:.0%} of a threshold around the model; check order, "
+                "slot_us, "
+                "triggers, thresholds, and what the camera saw."
+            )
+        )
+    if not solution.converged:
+        warnings.warn(InputWarning("the estimate has not settled; its sigma is too small."))
+    return {
+        "pixels": n_pixel,
+        "pairs": len(solution.residual),
+        "relative_threshold_noise": solution.noise,
+        "settled": solution.converged,
+        "photoreceptor_lag_ms_at_constant_light": {"value": solution.lag_ms, "sigma": solution.lag_ms_sigma},
+    }
