@@ -82,3 +82,9 @@ def test_no_test_imports_from_a_test():
     for path in (REPOSITORY / "tests").rglob("*.py"):
         taken = [name for name in imports(path) if name.startswith("tests.")]
         assert all(name.split(".")[1] in ("support", "conftest") for name in taken), path
+
+
+@pytest.mark.parametrize("name", ["analytic", "event_reference"])
+def test_references_know_nothing_of_what_they_judge(name):
+    path = REPOSITORY / "tests" / "support" / f"{name}.py"
+    assert set(imports(path)) <= {"numpy"}
