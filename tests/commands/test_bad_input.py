@@ -148,7 +148,7 @@ def test_folder_that_cannot_be_one(commands, command, out):
 def test_folder_in_the_way_is_found_before_the_work(commands, monkeypatch):
     (commands.folder / "file").touch()
     monkeypatch.setattr(fit, "recover", pytest.fail)
-    monkeypatch.setattr(simulate, "render", pytest.fail)
+    monkeypatch.setattr("evsdr.fitting.simulation.render", pytest.fail)
     assert "in the way" in commands.fit_refused(out="file")
     out = ("--out", commands.folder / "file")
     assert "in the way" in commands.refused(simulate.main, commands.folder / "scene.xml", *out)
