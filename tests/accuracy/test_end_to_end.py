@@ -98,7 +98,7 @@ def test_light_computed_without_mitsuba(folder):
         reflectance=reflectance,
         mask=mask,
     )
-    summary, _ = run_fit("sphere", analytic, "fit")
+    summary, _ = run_fit("sphere", analytic, "fit", "--preset", "fast")
     assert summary["mae_deg"] <= 1.5
     assert summary["rmse"] <= 0.05
     assert summary["residual"]["relative_threshold_noise"] == pytest.approx(0.1, rel=0.1)
