@@ -9,9 +9,10 @@ from evsdr.effects.effect import Decision
 from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence, sort_materials
 from evsdr.effects.world import Fitted, World
 from evsdr.light.camera import view_directions
+from evsdr.model.arrays import columns
 from evsdr.model.gloss import BlinnPhong, RoughCoating
-from evsdr.solve.levenberg import Solution
 from evsdr.solve.problem import Problem
+from evsdr.solve.solution import Solution
 
 NAME = "gloss"
 KINDS = {
@@ -62,7 +63,7 @@ def _with_found_thresholds(problem: Problem, solution: Solution) -> Problem:
     if solution.threshold_gain is None:
         return problem
     pairs, Float = problem.pairs, type(problem.pairs.phases)
-    gains = [Float(np.ascontiguousarray(g, np.float32)) for g in solution.threshold_gain.T]
+    gains = columns(Float, solution.threshold_gain)
     on, off = pairs.threshold_on * gains[0], pairs.threshold_off * gains[1]
     dr.eval(on, off)
     return replace(problem, pairs=replace(pairs, threshold_on=on, threshold_off=off))

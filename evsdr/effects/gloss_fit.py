@@ -13,7 +13,7 @@ from scipy.cluster.vq import kmeans2
 from evsdr.effects.gloss_terms import Sample, eliminate
 from evsdr.metrics import angular_error_deg
 from evsdr.model.gloss import RoughCoating
-from evsdr.solve.levenberg import LARGEST_STEP
+from evsdr.solve.unknowns import LARGEST_STEP
 
 MAX_KIND = 4  # of material
 TOO_FEW = 2.0  # scatter of too few kinds, relative to that of MAX_KIND

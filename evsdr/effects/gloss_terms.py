@@ -6,10 +6,11 @@ In NumPy, since a few hundred pixels tell all there is to know of a lobe.
 import drjit as dr
 import numpy as np
 
+from evsdr.model.arrays import columns, owned
 from evsdr.model.gloss import GlossyRing
 from evsdr.model.lambert import LambertianRing
-from evsdr.solve.levenberg import LOG_REFLECTANCE_SIGMA, REFLECTANCE_CENTRE, SLOPE_SIGMA
 from evsdr.solve.loss import SMALLEST_SLOPE, gaussian_share
+from evsdr.solve.unknowns import LOG_REFLECTANCE_SIGMA, REFLECTANCE_CENTRE, SLOPE_SIGMA
 
 N_SAMPLE, MAX_PAIRS = 400, 256  # pixels that stand for all of a kind, and pairs of each
 ROBUST = 3.0  # width of the Cauchy cost in standard deviations
@@ -36,7 +37,7 @@ class Sample:
         self.pixel = candidate[:: max(1, -(-len(candidate) // N_SAMPLE))]
         if len(self.pixel) == 0:
             return
-        index = type(pairs.offset)(self.pixel.astype(np.uint32))
+        index = owned(type(pairs.offset), self.pixel)
         self.illumination = problem.illumination.gather(index)
         self.view = view if view is None or dr.width(view) == 1 else dr.gather(type(view), view, index)
         self.constant_light = float(problem.illumination.constant_light[0])
@@ -70,7 +71,7 @@ class Sample:
         """
         light = self.illumination
         Float = type(light.irradiance[0])
-        p, q, *rho = (Float(np.ascontiguousarray(column, np.float32)) for column in theta.T)
+        p, q, *rho = columns(Float, theta)
         rho = [dr.exp(r) for r in rho]
         soft, one = dr.opaque(Float, light.horizon), dr.opaque(Float, 1.0)
         models = [LambertianRing(light)]

@@ -13,13 +13,14 @@ from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import against
 from evsdr.events.photoreceptor import Photoreceptors
 from evsdr.metrics import angular_error_deg
+from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing, signals_of
 from evsdr.records import Recording
 from evsdr.solve import trial
-from evsdr.solve.levenberg import Solution
 from evsdr.solve.pair_data import PairData
 from evsdr.solve.problem import Problem
+from evsdr.solve.solution import Solution
 
 if TYPE_CHECKING:
     from evsdr.effects.world import Fitted, World
@@ -121,7 +122,7 @@ def _noise(cases: list[PairData], light: Illumination, row: np.ndarray, solution
     solution : Solution
         What fits them.
     """
-    chosen = light.gather(type(cases[0].offset)(row.astype(np.uint32)))
+    chosen = light.gather(owned(type(cases[0].offset), row))
     gaps = []
     for k, case in enumerate(cases):
         part = slice(k * len(row), (k + 1) * len(row))
@@ -178,7 +179,7 @@ def photoreceptors(
     if row is None:
         row, model = np.arange(problem.n_pixel), problem.model
     else:
-        model = LambertianRing(problem.illumination.gather(type(problem.pairs.offset)(row.astype(np.uint32))))
+        model = LambertianRing(problem.illumination.gather(owned(type(problem.pairs.offset), row)))
     signal = signals_of(model, solution.theta[row])
     schedule = recording.schedule
     led = np.where(schedule.order < 0, len(signal) - 1, schedule.order)

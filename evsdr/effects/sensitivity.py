@@ -12,10 +12,11 @@ import numpy as np
 
 from evsdr.light.ground_truth import object_depth, object_normals
 from evsdr.light.scene import RingScene
+from evsdr.model.arrays import columns, owned
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import led_signals
 from evsdr.records import Maps
-from evsdr.solve.levenberg import REFLECTANCE_CENTRE
+from evsdr.solve.unknowns import REFLECTANCE_CENTRE
 
 RIDGE = 1e-3  # keeps pixels solvable that few LEDs light
 MOST_DEG = 60.0  # no answer of first order means more
@@ -96,8 +97,8 @@ class Look:
         """Give the signals (n, n_led) of a light there, indirect light included."""
         Float, Array3f = type(light.constant_light), type(light.direction[0])
         normal = Array3f(*self.normal.T.astype(np.float32))
-        reflectance = [Float(np.ascontiguousarray(r, np.float32)) for r in self.reflectance.T]
-        here = light.gather(dr.uint32_array_t(Float)(self.pixel.astype(np.uint32)))
+        reflectance = columns(Float, self.reflectance)
+        here = light.gather(owned(dr.uint32_array_t(Float), self.pixel))
         rows = [s.numpy() for s in led_signals(here, normal, reflectance)]
         return np.stack([np.broadcast_to(row, len(self.pixel)) for row in rows], axis=-1).astype(float)
 

@@ -7,6 +7,7 @@ import numpy as np
 from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import Look, against, mean_error
 from evsdr.effects.world import TRIAL_RAYS, Fitted, World
+from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
 from evsdr.solve import trial
 
@@ -102,10 +103,10 @@ def events_agree(fitted: Fitted, look: Look, plain: Illumination, shadowed: Illu
         return True
     row = np.sort(np.random.default_rng(0).permutation(row)[:N_TRIED])
     UInt32 = type(fitted.problem.pairs.offset)
-    pixel = UInt32(fitted.problem.pixel[row].astype(np.uint32))
+    pixel = owned(UInt32, fitted.problem.pixel[row])
     light = plain.gather(pixel).beside(shadowed.gather(pixel), len(row))
     light = replace(light, constant_light=fitted.problem.illumination.constant_light)
-    few = trial.of_pixels(fitted.problem.pairs, row)
+    few = fitted.problem.pairs.of_pixels(row)
     thresholds = fitted.solution.threshold_gain is not None
     cost = trial.costs([few, few], light, np.arange(2 * len(row)).reshape(2, -1), thresholds).sum(axis=1)
     return bool(cost[1] < cost[0])

@@ -11,8 +11,10 @@ from evsdr.effects.world import Fitted, World
 from evsdr.errors import InputWarning
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing, signals_of
-from evsdr.solve import levenberg, trial
+from evsdr.solve import trial
+from evsdr.solve.noise import IGNORED
 from evsdr.solve.pair_data import PairData, pack_slots
+from evsdr.solve.solution import Solution
 
 N_SAMPLE = 600  # pixels that show how well each LED is explained
 SUSPICIOUS = 1.4  # residual of an LED, relative to that of most, from which its light is in doubt
@@ -48,7 +50,7 @@ class Fault:
         return f"LEDs {self.leds[0]} and {self.leds[1]} are swapped"
 
 
-def led_residuals(pairs: PairData, light: Illumination, solution: levenberg.Solution) -> np.ndarray:
+def led_residuals(pairs: PairData, light: Illumination, solution: Solution) -> np.ndarray:
     """Give the median of |u| of the events while each LED fades in or out, relative to that of most LEDs.
 
     Parameters
@@ -57,7 +59,7 @@ def led_residuals(pairs: PairData, light: Illumination, solution: levenberg.Solu
         Event pairs.
     light : Illumination
         What the LEDs send.
-    solution : levenberg.Solution
+    solution : Solution
         The maps that should explain them.
 
     Returns
@@ -66,7 +68,7 @@ def led_residuals(pairs: PairData, light: Illumination, solution: levenberg.Solu
         0 for an LED that has no events.
     """
     offset = pairs.offset.numpy().astype(np.int64)
-    explained = (solution.noise_factor < levenberg.IGNORED) & (np.diff(offset) > solution.theta.shape[1])
+    explained = (solution.noise_factor < IGNORED) & (np.diff(offset) > solution.theta.shape[1])
     some = np.flatnonzero(explained)
     some = some[:: max(1, len(some) // N_SAMPLE)]
     pixel = np.repeat(some, np.diff(offset)[some])
@@ -98,7 +100,7 @@ def led_residuals(pairs: PairData, light: Illumination, solution: levenberg.Solu
     return out / max(np.median(out[out > 0]), 1e-9) if out.any() else out
 
 
-def find_fault(pairs: PairData, light: Illumination, solution: levenberg.Solution) -> Fault | None:
+def find_fault(pairs: PairData, light: Illumination, solution: Solution) -> Fault | None:
     """Tell whether an LED is dead or two are swapped, where the residuals leave a doubt.
 
     Each explanation is tried on a few pixels: it must explain their events decisively better than none does.
@@ -112,7 +114,7 @@ def find_fault(pairs: PairData, light: Illumination, solution: levenberg.Solutio
     pixel = np.random.default_rng(0).permutation(explained)[:N_TRIED]
     if len(pixel) < FEWEST:
         return None
-    few = trial.of_pixels(pairs, pixel)
+    few = pairs.of_pixels(pixel)
     now = pairs.slot_leds.numpy()[:-1] & 0xFFFF
     orders = [now] + [fault.mend(now, light.n_led) for fault in faults]
     cases = [replace(few, slot_leds=type(pairs.slot_leds)(pack_slots(o, light.n_led))) for o in orders]

@@ -16,8 +16,8 @@ from evsdr.light.scene import RingScene
 from evsdr.light.tracing import trace_illumination, trace_indirect
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps, Recording
-from evsdr.solve import levenberg
 from evsdr.solve.problem import Problem, make_problem
+from evsdr.solve.solution import Solution
 
 TRIAL_RAYS = 4  # per pixel: of trials, and for the object's outline
 ROUND_RAYS = 1  # per pixel, while light and surface change
@@ -29,7 +29,7 @@ class Fitted:
     """One fit: the problem, its solution, and the maps it gives."""
 
     problem: Problem
-    solution: levenberg.Solution
+    solution: Solution
     maps: Maps
 
 

@@ -11,28 +11,24 @@ from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
 from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import RingScene
-from evsdr.solve import levenberg, published
+from evsdr.solve import published, recipes
+from evsdr.solve.pair_data import thin
 from evsdr.solve.problem import Problem
-from evsdr.solve.unknowns import to_theta
+from evsdr.solve.solution import Solution
+from evsdr.solve.stages import data_of, resume, start_of
+from evsdr.solve.stages import solve as run
+from evsdr.solve.unknowns import first_theta, to_theta
 
 DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
-# What changes in the preset's effort, by what a solve is for
-PURPOSES = {
-    "whole": {},
-    "alone": {"priors": None},  # each pixel alone, before its events are put right
-    "learn": {"stages": (), "n_sweep": 0, "n_final": 0, "n_expectation": 0},  # go on from there
-    "again": {"stages": (), "n_sweep": 0, "n_final": 4, "n_expectation": 4},  # events have changed a little
-    "light": {"stages": ()},  # light has changed
-    "quick": {
-        "stages": (),
-        "n_sweep": 1,
-        "n_try": 2,
-        "n_final": 4,
-        "n_expectation": 1,
-        "fine": False,
-        "priors": None,
-    },  # as well as is needed to see where light goes
-    "model": {"stages": ((0.01, None, 4),)},  # the surface's model has changed
+# Recipes by what a solve is for
+RECIPES = {
+    "whole": recipes.whole,
+    "alone": lambda effort: recipes.whole(recipes.alone(effort)),  # before events are put right
+    "learn": recipes.neighbours,  # go on from there
+    "again": recipes.after_events,  # events have changed a little
+    "light": recipes.after_light,  # light has changed
+    "model": recipes.after_model,  # the surface's model has changed
+    "quick": recipes.quick,  # as well as is needed to see where light goes
 }
 
 
@@ -64,22 +60,16 @@ class Decoder:
         progress: Callable[[str, float], None] = lambda stage, share: None,
     ) -> Fitted:
         """Solve a problem, from an earlier fit if there is one; arguments as those of `solve`."""
-        solution = solve(
-            problem,
-            self.start_normal,
-            self.settings,
-            self.thresholds,
-            progress,
-            before,
-            purpose,
-        )
-        return self.fitted(problem, solution)
+        given = problem, self.start_normal, self.settings
+        if self.settings.solver == "adam":
+            *values, solution = solve_as_published(*given, progress)
+            return self.fitted(problem, solution, tuple(values))
+        return self.fitted(problem, solve(*given, self.thresholds, progress, before, purpose))
 
-    def fitted(self, problem: Problem, solution: levenberg.Solution) -> Fitted:
-        """Lay a solution out as maps."""
-        return Fitted(
-            problem, solution, assemble_maps(problem, solution, self.start_normal.shape[:2], self.ring)
-        )
+    def fitted(self, problem: Problem, solution: Solution, values: tuple | None = None) -> Fitted:
+        """Lay a solution out as maps; `values` are normals and reflectances that stand as they are."""
+        shape = self.start_normal.shape[:2]
+        return Fitted(problem, solution, assemble_maps(problem, solution, shape, self.ring, values))
 
 
 def start_normals(ring: RingScene, init: str) -> np.ndarray:
@@ -97,69 +87,70 @@ def solve(
     progress: Callable[[str, float], None] = lambda stage, share: None,
     before: Fitted | None = None,
     purpose: str = "whole",
-) -> levenberg.Solution:
-    """Run the solver that the settings name.
+) -> Solution:
+    """Solve by Levenberg-Marquardt.
 
     Parameters
     ----------
     start_normal : (height, width, 3) float32
         Start values, camera frame.
     settings : Settings
-        `solver`, `preset`, `priors`, `shadows` and `seed` count.
+        `preset`, `priors` and `shadows` count.
     estimate_thresholds : bool
         Whether each pixel's contrast thresholds are unknown, too.
     before : Fitted, optional
         An earlier fit of these pixels, to start from instead.
     purpose : str
-        Of `PURPOSES`: how much of the preset's effort is needed.
+        Of `RECIPES`.
+    """
+    light, effort = problem.illumination, choose_effort(settings)
+    Float = type(light.constant_light)
+    pairs = thin(problem.pairs, effort.n_most) if effort.n_most else problem.pairs
+    width = effort.width(estimate_thresholds)
+    data = data_of(problem.model, pairs, light.constant_light, problem.grid, width)
+    if before is None:
+        theta = first_theta(
+            start_normal.reshape(-1, 3)[problem.pixel], light.n_band, estimate_thresholds, Float
+        )
+        start = start_of(data, theta, effort.n_heard)
+    else:
+        start = resume(data, before.solution, effort.n_heard)
+    return run(data, RECIPES[purpose](effort), start, progress)
+
+
+def solve_as_published(problem: Problem, start_normal: np.ndarray, settings: Settings, progress) -> tuple:
+    """Solve by the decoder of the EventSpecPS paper.
+
+    Returns
+    -------
+    normal : (n_pixel, 3) float32
+    reflectance : (n_pixel, n_band) float32
+    solution : Solution
+        What sigma these have.
     """
     light = problem.illumination
-    effort = replace(choose_effort(settings), **PURPOSES[purpose])
-    n_step = 0
-    log_gain = np.zeros((problem.n_pixel, 2), np.float32)
-    if before is None:
-        normal = start_normal.reshape(-1, 3)[problem.pixel]
-        reflectance = np.full((problem.n_pixel, light.n_band), levenberg.REFLECTANCE_CENTRE, np.float32)
-    else:
-        maps, solution = before.maps, before.solution
-        start_normal = maps.normal
-        normal = maps.normal.reshape(-1, 3)[problem.pixel]
-        reflectance = maps.reflectance.reshape(-1, light.n_band)[problem.pixel]
-        if estimate_thresholds:
-            log_gain = np.log(solution.threshold_gain)
-    Float = type(problem.pairs.phases)
-    unknown_gain = [Float(np.ascontiguousarray(g, np.float32)) for g in log_gain.T]
-    if settings.solver == "adam":
-        adam = published.AdamSettings()
-        normal, reflectance = published.solve(
-            light,
-            problem.pairs,
-            normal,
-            problem.pixel,
-            start_normal.shape[:2],
-            adam,
-            settings.seed,
-            progress,
-        )
-        n_step = adam.n_step
-        effort = replace(
-            effort, stages=(), n_sweep=0, n_final=0, priors=None
-        )  # only noise and sigma at Adam's result
-    solution = levenberg.solve(
-        problem.model,
+    adam = published.AdamSettings(robust=DOWNWEIGHT_ROBUST if settings.shadows == "downweight" else None)
+    normal, reflectance = published.solve(
+        light,
         problem.pairs,
-        light.constant_light,
-        to_theta(normal, reflectance, Float) + (unknown_gain if estimate_thresholds else []),
-        problem.grid,
-        effort,
+        start_normal.reshape(-1, 3)[problem.pixel],
+        problem.pixel,
+        start_normal.shape[:2],
+        adam,
+        settings.seed,
         progress,
-        before.solution.threshold_prior if before else None,
     )
-    return replace(solution, n_step=n_step or solution.n_step)
+    width = choose_effort(settings).robust
+    data = data_of(problem.model, problem.pairs, light.constant_light, problem.grid, width)
+    theta = to_theta(normal, reflectance, type(light.constant_light))
+    solution = run(data, recipes.measure(), start_of(data, theta))
+    return normal, reflectance, replace(solution, n_step=adam.n_step)
 
 
-def choose_effort(settings: Settings) -> levenberg.Effort:
+def choose_effort(settings: Settings) -> recipes.Effort:
     """Give the effort of a preset with some priors, and with the weights that `shadows` asks for."""
     effort, parts = PRESETS[settings.preset].effort, settings.priors
+    if settings.tolerance is not None:
+        effort = effort.at(settings.tolerance)
     effort = replace(effort, priors=replace(effort.priors, parts=parts) if parts else None)
     return replace(effort, robust=DOWNWEIGHT_ROBUST) if settings.shadows == "downweight" else effort

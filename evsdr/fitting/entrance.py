@@ -34,7 +34,7 @@ class Fit:
         Normals and reflectances, with their standard deviations.
     decisions : dict of Decision
         What was decided on each effect, and why.
-    solution : levenberg.Solution
+    solution : Solution
         What the solver found, pixel after pixel.
     summary : dict
         What was modelled and why, numbers, residuals, warnings, seconds per stage.

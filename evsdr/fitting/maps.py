@@ -5,9 +5,9 @@ from scipy import ndimage
 
 from evsdr.light.scene import RingScene
 from evsdr.records import Maps
-from evsdr.solve import levenberg
 from evsdr.solve.problem import Problem
-from evsdr.solve.unknowns import normal_sigma_deg
+from evsdr.solve.solution import Solution
+from evsdr.solve.unknowns import normal_sigma_deg, to_normal
 
 KNOWN_SIGMA_DEG = 30.0  # a normal known worse than this is not known
 MODEL_NORMAL_DEG, MODEL_REFLECTANCE = 0.05, 0.01  # what the model leaves out: degrees, share of reflectance
@@ -16,19 +16,25 @@ CURVED_NORMAL, CURVED_REFLECTANCE = 0.2, 0.5
 
 
 def assemble_maps(
-    problem: Problem, solution: levenberg.Solution, shape: tuple[int, int], ring: RingScene
+    problem: Problem,
+    solution: Solution,
+    shape: tuple[int, int],
+    ring: RingScene,
+    values: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Maps:
     """Lay the solution out as images.
 
     A pixel without information keeps the values of the nearest one that has it, and says so in mask and
     sigma; a band that is never lit says so in sigma. With no constant light the scale of each pixel is unknown; its
     largest band is then 1.
+
+    Parameters
+    ----------
+    values : (n_pixel, 3) and (n_pixel, n_band) float, optional
+        Normals and reflectances that stand as they are; those of the solution by default.
     """
     theta = solution.theta.astype(float)
-    normal = np.column_stack([-theta[:, 0], -theta[:, 1], np.ones(len(theta))])
-    height = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal /= height
-    reflectance = np.exp(theta[:, 2:])
+    normal, reflectance = values or (to_normal(theta), np.exp(theta[:, 2:]))
     sigma = normal_sigma_deg(theta[:, 0], theta[:, 1], solution.covariance[:, :2, :2])
     variance = np.diagonal(solution.covariance, axis1=1, axis2=2)
     turn = normal_turn(normal, problem.grid.mask)
@@ -59,7 +65,7 @@ def assemble_maps(
         band_wavelength_nm=ring.leds.band_wavelength_nm.astype(np.float32),
     )
     nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
-    fill = solved & ~mask if mask.any() else np.zeros_like(mask)
+    fill = solved & ~mask if mask.any() and values is None else np.zeros_like(mask)
     maps.normal[fill] = maps.normal[tuple(nearest[:, fill])]
     maps.reflectance[fill] = maps.reflectance[tuple(nearest[:, fill])]
     maps.normal[~solved] = (0, 0, 1)

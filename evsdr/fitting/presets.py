@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from evsdr.solve import levenberg
-from evsdr.solve.effort import Effort
+from evsdr.solve.neighbours.posterior import Priors
+from evsdr.solve.recipes import Effort
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,9 @@ class Preset:
 
 
 PRESETS = {
-    "fast": Preset(levenberg.PRESETS["fast"], rays=4, thorough=False),
-    "balanced": Preset(levenberg.PRESETS["balanced"], rays=16),
-    "accurate": Preset(levenberg.PRESETS["accurate"], rays=64),
+    "fast": Preset(
+        Effort(n_heard=40, n_most=48, priors=Priors(n_round=3, n_draw=2)).at(1.0), rays=4, thorough=False
+    ),
+    "balanced": Preset(Effort().at(0.1), rays=16),
+    "accurate": Preset(Effort(n_heard=128, priors=Priors(n_round=12, n_draw=16)).at(0.03), rays=64),
 }

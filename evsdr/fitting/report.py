@@ -12,7 +12,7 @@ from evsdr.fitting.maps import lit_bands
 from evsdr.fitting.settings import Settings
 from evsdr.light.scene import RingScene
 from evsdr.records import Recording, Sensor
-from evsdr.solve import levenberg
+from evsdr.solve.solution import Solution
 
 WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
 CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
@@ -136,7 +136,7 @@ def threshold_summary(recording: Recording, fitted: Fitted) -> dict:
     return out
 
 
-def solver_notes(settings: Settings, solution: levenberg.Solution) -> dict:
+def solver_notes(settings: Settings, solution: Solution) -> dict:
     """Say what of the events the solver used."""
     if settings.solver == "adam":
         return {

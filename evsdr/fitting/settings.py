@@ -43,6 +43,8 @@ class Settings:
     """Seed of everything random."""
     limit_deg: float = 0.05
     """Mean error of the normals [deg] from which auto models an effect."""
+    tolerance: float | None = None
+    """Gain in log likelihood of a pixel that is worth a step of the solver; by default that of the preset."""
 
 
 def check_settings(settings: Settings) -> None:
@@ -61,6 +63,8 @@ def check_settings(settings: Settings) -> None:
     check_range("seed", settings.seed, 0)
     if not settings.limit_deg > 0:
         raise InputError(f"limit_deg is {settings.limit_deg:g}; give degrees above 0.")
+    if settings.tolerance is not None and not settings.tolerance > 0:
+        raise InputError(f"tolerance is {settings.tolerance:g}; give a number above 0, as 0.1.")
 
 
 def check_priors(priors: tuple[str, ...], what: str) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from evsdr.errors import InputError
 from evsdr.integrators.leds import Leds
 from evsdr.integrators.ring import RingIntegrator, find_object
+from evsdr.model.arrays import owned
 
 
 @dataclass(frozen=True)
@@ -150,13 +151,13 @@ def with_object(ring: RingScene, position: np.ndarray, face: np.ndarray) -> Ring
 def move_object(ring: RingScene, position: np.ndarray, face: np.ndarray) -> None:
     """Move the vertices of a mesh from `with_object`; as many vertices and triangles as it has."""
     scene = mi.traverse(ring.scene)
-    scene["object.vertex_positions"] = mi.Float(np.ravel(position).astype(np.float32))
-    scene["object.faces"] = mi.UInt32(np.ravel(face).astype(np.uint32))
+    scene["object.vertex_positions"] = owned(mi.Float, np.ravel(position))
+    scene["object.faces"] = owned(mi.UInt32, np.ravel(face))
     scene.update()
 
 
 def _move(mesh: mi.Mesh, position: np.ndarray, face: np.ndarray) -> None:
     part = mi.traverse(mesh)
-    part["vertex_positions"] = mi.Float(np.ravel(position).astype(np.float32))
-    part["faces"] = mi.UInt32(np.ravel(face).astype(np.uint32))
+    part["vertex_positions"] = owned(mi.Float, np.ravel(position))
+    part["faces"] = owned(mi.UInt32, np.ravel(face))
     part.update()

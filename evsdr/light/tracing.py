@@ -11,6 +11,7 @@ from evsdr.integrators.ring import camera_frame, find_object, mean_vector, rotat
 from evsdr.light.camera import camera_geometry
 from evsdr.light.ground_truth import _central
 from evsdr.light.scene import RingScene
+from evsdr.model.arrays import columns
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import led_signals
 from evsdr.records import Maps
@@ -78,9 +79,9 @@ def trace_indirect(
     """
     camera, to_world = camera_geometry(ring.sensor)
     place, seen = _central(ring)
-    normal = mi.Vector3f(*(mi.Float(np.ravel(n)) for n in np.moveaxis(maps.normal, -1, 0)))
+    normal = mi.Vector3f(*columns(mi.Float, maps.normal.reshape(-1, 3)))
     # no surface sends more than it gets: a fit without indirect light may say so, and rounds would not settle
-    reflectance = [mi.Float(np.ravel(np.minimum(r, 1))) for r in np.moveaxis(maps.reflectance, -1, 0)]
+    reflectance = columns(mi.Float, np.minimum(maps.reflectance, 1).reshape(-1, maps.reflectance.shape[-1]))
     known = seen & (mi.Float((maps.reflectance > 0).any(axis=-1).ravel().astype(np.float32)) > 0)
     distance = dr.dot(mi.Point3f(to_world[:3, 3]) - place.p, mi.Vector3f(to_world[:3, 2]))
     scale = float(dr.max(dr.select(known, distance, 0.0))[0]) if camera.perspective else 1.0

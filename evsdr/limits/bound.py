@@ -117,7 +117,7 @@ def event_pair_bound(
 
 def _information(problem, theta: list, noise: float) -> np.ndarray:
     """Give the Fisher information (n_pixel, n_unknown, n_unknown) of slopes and log reflectances."""
-    Float, UInt32 = type(problem.pairs.phases), type(problem.pairs.offset)
+    Float = type(problem.pairs.phases)
     light, n = problem.illumination, len(theta)
     signals = LambertianRing(light)(theta[0], theta[1], [dr.exp(t) for t in theta[2:]], Float(light.horizon))
     table = derivative_table(*signals, light.band, problem.n_pixel)
@@ -125,7 +125,6 @@ def _information(problem, theta: list, noise: float) -> np.ndarray:
         table,
         problem.pairs,
         light.constant_light,
-        dr.opaque(UInt32, problem.n_pixel),
         n - 2,
         Float(noise),
         Float(NO_ROBUST),

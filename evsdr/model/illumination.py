@@ -98,7 +98,7 @@ class Illumination:
         return replace(self, direction=direction, irradiance=irradiance)
 
 
-def pixel_horizon(p, q, grid):
+def pixel_horizon(p, q, links):
     """Give the softness of the horizon that averages over a pixel of a curved surface.
 
     n . l varies within a pixel; at the horizon the mean of max(0, n . l) over normally distributed values of standard
@@ -109,7 +109,7 @@ def pixel_horizon(p, q, grid):
     ----------
     p, q : Float, (n_pixel)
         Slopes.
-    grid : solve.grid.Grid
+    links : solve.grid.Links
         Neighbours, whose normals give the gradient.
 
     Returns
@@ -123,11 +123,11 @@ def pixel_horizon(p, q, grid):
     dr.eval(normal)
     variance = dr.zeros(Float, dr.width(p))
     for before, after in (("left", "right"), ("up", "down")):
-        pixels = dr.select(grid.exists[before], Float(1.0), 0.0) + dr.select(
-            grid.exists[after], Float(1.0), 0.0
+        pixels = dr.select(links.exists[before], Float(1.0), 0.0) + dr.select(
+            links.exists[after], Float(1.0), 0.0
         )
         change = sum(
-            dr.square(dr.gather(Float, n, grid.index[after]) - dr.gather(Float, n, grid.index[before]))
+            dr.square(dr.gather(Float, n, links.index[after]) - dr.gather(Float, n, links.index[before]))
             for n in normal
         )
         variance += change / dr.square(dr.maximum(pixels, 1.0)) / 24.0

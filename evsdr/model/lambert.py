@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
+from evsdr.model.arrays import columns
 from evsdr.model.illumination import Illumination
 
 
@@ -109,7 +110,7 @@ def signals_of(model, theta: np.ndarray) -> np.ndarray:
     """
     light = model.illumination
     Float = type(light.constant_light)
-    p, q, *logs = (Float(np.ascontiguousarray(c, np.float32)) for c in theta.T)
+    p, q, *logs = columns(Float, theta)
     signal = model(p, q, [dr.exp(t) for t in logs], Float(light.horizon))[0]
     rows = [np.broadcast_to(s.numpy(), len(theta)) for s in signal]
     return np.stack([*rows, np.zeros(len(theta))])

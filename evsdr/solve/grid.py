@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
+from evsdr.model.arrays import owned
+
 PLACE = {  # (row, column); row 0 is the top
     "right": (0, 1),
     "left": (0, -1),
@@ -19,22 +21,34 @@ NEXT = ("right", "left", "up", "down")
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Numbers of the neighbours of each solved pixel.
+class Links:
+    """Numbers of the neighbours of each solved pixel, as a PyTree of arrays.
 
     Attributes
     ----------
-    mask : (height, width) bool
-        Where the pixels lie; they are numbered row after row.
     index : dict of str to UInt32, (n_pixel)
         The pixel at each of `PLACE`; the pixel itself where there is none.
     exists : dict of str to Bool, (n_pixel)
         Whether there is one.
     """
 
-    mask: np.ndarray
     index: dict
     exists: dict
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Where the solved pixels lie, and their neighbours.
+
+    Attributes
+    ----------
+    mask : (height, width) bool
+        They are numbered row after row.
+    links : Links
+    """
+
+    mask: np.ndarray
+    links: Links
 
 
 def make_grid(mask: np.ndarray, UInt32: type) -> Grid:
@@ -54,10 +68,19 @@ def make_grid(mask: np.ndarray, UInt32: type) -> Grid:
     index, exists = {}, {}
     for name, (row, column) in PLACE.items():
         at = padded[1 + row : 1 + row + height, 1 + column : 1 + column + width][mask]
-        index[name] = UInt32(np.where(at >= 0, at, own).astype(np.uint32))
-        exists[name] = UInt32((at >= 0).astype(np.uint32)) > 0
+        index[name] = owned(UInt32, np.where(at >= 0, at, own))
+        exists[name] = owned(UInt32, at >= 0) > 0
     dr.eval(index, exists)
-    return Grid(mask, index, exists)
+    return Grid(mask, Links(index, exists))
+
+
+def lonely_grid(n_pixel: int, UInt32: type) -> Grid:
+    """Give pixels that have no neighbours."""
+    itself, never = dr.arange(UInt32, n_pixel), dr.zeros(UInt32, n_pixel)
+    dr.make_opaque(itself, never)
+    links = Links(dict.fromkeys(PLACE, itself), dict.fromkeys(PLACE, never > 0))
+    dr.eval(links.exists)
+    return Grid(np.ones((1, n_pixel), bool), links)
 
 
 @dataclass(frozen=True)
@@ -72,33 +95,33 @@ class Stencil:
 
     weight: dict
 
-    def valid(self, grid: Grid):
+    def valid(self, links: Links):
         """Tell where all neighbours exist."""
-        there = [grid.exists[place] for place in self.weight if place != "here"]
+        there = [links.exists[place] for place in self.weight if place != "here"]
         out = there[0]
         for also in there[1:]:
             out = out & also
         return out
 
-    def apply(self, grid: Grid, value):
+    def apply(self, links: Links, value):
         """Take the difference of an evaluated array."""
-        return dr.select(self.valid(grid), self._sum(grid, value, self.weight), 0.0)
+        return dr.select(self.valid(links), self._sum(links, value, self.weight), 0.0)
 
-    def adjoint(self, grid: Grid, value):
+    def adjoint(self, links: Links, value):
         """Apply the transposed matrix to an evaluated array, which must be 0 where `valid` is not."""
         back = {OPPOSITE.get(place, place): weight for place, weight in self.weight.items()}
-        return self._sum(grid, value, back)
+        return self._sum(links, value, back)
 
-    def squared(self) -> "Stencil":
-        """Give the stencil that takes the variances of pixels to that of their difference."""
-        return Stencil({place: weight**2 for place, weight in self.weight.items()})
+    def times(self, other: "Stencil") -> "Stencil":
+        """Multiply weight by weight; a stencil times itself takes variances to the variance of the difference."""
+        return Stencil({place: weight * other.weight[place] for place, weight in self.weight.items()})
 
     @staticmethod
-    def _sum(grid: Grid, value, weights: dict):
+    def _sum(links: Links, value, weights: dict):
         Float = type(value)
         return sum(
             weight
-            * (value if place == "here" else dr.gather(Float, value, grid.index[place], grid.exists[place]))
+            * (value if place == "here" else dr.gather(Float, value, links.index[place], links.exists[place]))
             for place, weight in weights.items()
         )
 

@@ -17,34 +17,137 @@ the threshold. While LEDs fade linearly the light is extreme at the starts of sl
 Nothing here knows Mitsuba.
 """
 
+from dataclasses import dataclass, replace
+
 import drjit as dr
 import numpy as np
 
-from evsdr.solve.pair_data import PairData, _array, _lit, ends, signal_table, unpack_pair
+from evsdr.model.arrays import columns
+from evsdr.solve.pair_data import (
+    PairData,
+    Table,
+    ends,
+    every_pair,
+    lit_leds,
+    signal_table,
+    unpack_pair,
+)
 
 SILENT_MARGIN = 1.0  # standard deviations of the threshold that silence leaves open
 SMALLEST_SLOPE = 0.02  # of log I per slot: what is slower, or has the wrong sign, counts as nearly this
 
 
-def relative_residual(table, pairs: PairData, constant_light, k, pixel, n_pixel, active):
+def relative_residual(table: Table, pairs: PairData, constant_light, k, pixel, active):
     """Give u of pair k, of that pixel, and the threshold C that it met.
 
     Differentiable in the table of signals.
     """
     Float = type(pairs.phases)
-    start, end, polarity = ends(table, pairs, k, pixel, n_pixel, active)
+    start, end, polarity = ends(table, pairs, k, pixel, active)
     on, off = (dr.gather(Float, value, pixel, active) for value in (pairs.threshold_on, pairs.threshold_off))
     threshold = dr.select(polarity > 0, on, off)
     u = polarity * dr.log((end + constant_light) / (start + constant_light)) / threshold - 1.0
     return dr.select(active, u, 0.0), threshold
 
 
+def residuals(model, pairs: PairData, constant_light, theta: list, gains: list | None = None):
+    """Give the relative residual u of every pair.
+
+    Parameters
+    ----------
+    model : callable
+        Forward model.
+    pairs : PairData
+    constant_light : Float
+        C_w.
+    theta : list of Float, or (n_pixel, n_unknown) array
+        Slopes and log reflectances; more is not looked at.
+    gains : list of Float, optional
+        Factors on C_on and C_off of each pixel.
+
+    Returns
+    -------
+    Float, (n_pair)
+    """
+    theta = columns(type(pairs.phases), theta) if isinstance(theta, np.ndarray) else theta
+    n_band = model.illumination.n_band
+    reflectance = [dr.exp(t) for t in theta[2 : 2 + n_band]]
+    signal, *_ = model(theta[0], theta[1], reflectance, dr.opaque(type(theta[0]), model.illumination.horizon))
+    table = signal_table(signal, dr.width(theta[0]))
+    given = scaled(pairs, gains), constant_light, *every_pair(pairs), True
+    return relative_residual(table, *given)[0]
+
+
+def scaled(pairs: PairData, gains: list | None) -> PairData:
+    """Give pairs whose thresholds are multiplied by factors on C_on and C_off, if there are any."""
+    if gains is None:
+        return pairs
+    on, off = pairs.threshold_on * gains[0], pairs.threshold_off * gains[1]
+    return replace(pairs, threshold_on=on, threshold_off=off)
+
+
 # ---------------------------------------------------------------------- normal equations
 
 
+@dataclass(frozen=True)
+class Loss:
+    """Which terms count.
+
+    Attributes
+    ----------
+    robust : float
+        Width of the Cauchy cost in standard deviations.
+    density : bool
+        Whether the density of event times counts.
+    silence : bool
+        Whether that no event fired counts.
+    """
+
+    robust: float
+    density: bool = False
+    silence: bool = False
+
+
+def system_table(system, theta: list) -> Table:
+    """Lay out what the model of a `levenberg.System` gives for some unknowns, with its derivatives."""
+    reflectance = system.unknowns.reflectance(theta)
+    signal, by_p, by_q, *diffuse = system.model(theta[0], theta[1], reflectance, system.softness)
+    diffuse = diffuse[0] if diffuse else None
+    band = system.model.illumination.band
+    return derivative_table(signal, by_p, by_q, band, dr.width(theta[0]), diffuse, system.room)
+
+
+def pixel_terms(system, theta: list) -> tuple:
+    """Sum cost, gradient and Gauss-Newton matrix of each pixel over all that it tells.
+
+    Parameters
+    ----------
+    system : levenberg.System
+        What is given.
+    theta : list of Float
+        See `unknowns`.
+    """
+    unknowns, loss, pairs = system.unknowns, system.loss, scaled(system.pairs, system.unknowns.gains(theta))
+    given = (
+        system_table(system, theta),
+        pairs,
+        system.constant_light,
+        unknowns.n_band,
+        system.noise,
+        loss.robust,
+    )
+    slope_term = gaussian_share(loss.robust) if loss.density else 0.0
+    cost, gradient, matrix = normal_equations(*given, unknowns.thresholds, slope_term)
+    if loss.silence and pairs.silent_offset is not None:
+        more = silence_equations(*given, unknowns.thresholds)
+        cost = cost + more[0]
+        gradient, matrix = ([a + b for a, b in zip(*two)] for two in zip((gradient, matrix), more[1:]))
+    return cost, gradient, matrix
+
+
 def derivative_table(
-    signal: list, by_p: list, by_q: list, band: list, n_pixel: int, diffuse: list | None = None
-):
+    signal: list, by_p: list, by_q: list, band: list, n_pixel: int, diffuse: list | None = None, room=None
+) -> Table:
     """Lay signals, their slope derivatives and the LED's band out for one look-up each.
 
     To the number of the band half the share of the signal that is diffuse is added: only that scales with the
@@ -52,19 +155,14 @@ def derivative_table(
 
     Returns
     -------
-    Float, ((n_led + 1) * n_pixel * 4)
-        LED after LED, darkness last; in each, pixel after pixel.
+    Table
+        Of four values each.
     """
-    Float = type(signal[0])
-    Array4f = _array(Float, 4)
-    pixel = dr.arange(dr.uint32_array_t(Float), n_pixel)
-    table = dr.zeros(Float, (len(signal) + 1) * n_pixel * 4)
-    for j, row in enumerate(zip(signal, by_p, by_q)):
-        share = dr.select(signal[j] > 0, diffuse[j] / signal[j], 1.0) if diffuse else 1.0
-        dr.scatter(
-            table, Array4f(*row, band[j] + 0.5 * share), pixel + j * n_pixel, mode=dr.ReduceMode.NoConflicts
-        )
-    return table
+    one = type(signal[0])(1.0)
+    diffuse = diffuse or signal
+    share = [dr.select(a > 0, d / a, one) for a, d in zip(signal, diffuse)]
+    rows = [[*row, b + 0.5 * s] for *row, b, s in zip(signal, by_p, by_q, band, share)]
+    return Table.of(rows, n_pixel, room)
 
 
 def _unpack_entry(entry):
@@ -87,7 +185,6 @@ def normal_equations(
     table,
     pairs: PairData,
     constant_light,
-    n_pixel,
     n_band: int,
     scale,
     robust,
@@ -101,12 +198,12 @@ def normal_equations(
 
     Parameters
     ----------
-    table : Float
+    table : Table
         See `derivative_table`.
     constant_light : Float
         C_w, above 0.
-    n_pixel : UInt32
-        Number of pixels, opaque.
+    n_band : int
+        Number of bands.
     scale : Float
         Standard deviation of u.
     robust : Float
@@ -151,13 +248,13 @@ def normal_equations(
     Float = type(pairs.phases)
     lists = pairs.offset, pairs.phases
     n_more = 2 if thresholds else 0
-    given = constant_light, n_pixel, n_band, scale, robust
+    given = constant_light, n_band, scale, robust
     slope = density if slope_term else None, slope_term
     return _sum_terms(table, pairs, *lists, event, n_more, *given, *slope, pairs.weight)
 
 
 def silence_equations(
-    table, pairs: PairData, constant_light, n_pixel, n_band: int, scale, robust, thresholds: bool = False
+    table, pairs: PairData, constant_light, n_band: int, scale, robust, thresholds: bool = False
 ):
     """Sum cost, gradient and matrix over the silent probes, as `normal_equations` does over the events.
 
@@ -174,7 +271,7 @@ def silence_equations(
 
     lists = pairs.silent_offset, pairs.silent_phases
     n_more = 2 if thresholds else 0
-    return _sum_terms(table, pairs, *lists, excess, n_more, constant_light, n_pixel, n_band, scale, robust)
+    return _sum_terms(table, pairs, *lists, excess, n_more, constant_light, n_band, scale, robust)
 
 
 def _sum_terms(
@@ -185,7 +282,6 @@ def _sum_terms(
     residual,
     n_more,
     constant_light,
-    n_pixel,
     n_band,
     scale,
     robust,
@@ -200,7 +296,6 @@ def _sum_terms(
     if given, say how much each entry of the list counts.
     """
     Float, UInt32 = type(phases), type(offset)
-    Array4f = _array(Float, 4)
     n = 2 + n_band + n_more
     pixel = dr.arange(UInt32, dr.width(pairs.threshold_on))
     first = dr.gather(UInt32, offset, pixel)
@@ -212,8 +307,8 @@ def _sum_terms(
         logarithm, by = [], []
         for phase in phases_of_pair:
             lit = [
-                (share, _unpack_entry(dr.gather(Array4f, table, led * n_pixel + pixel, active)))
-                for led, share in _lit(pairs, phase, active)
+                (share, _unpack_entry(table.at(pixel, led, active)))
+                for led, share in lit_leds(pairs, phase, active)
             ]
             total = constant_light + sum(share * entry[0] for share, entry in lit)
             derivative = [Float(0.0) for _ in range(2 + n_band)]
@@ -249,30 +344,3 @@ def _sum_terms(
     zero = [dr.zeros(Float, dr.width(pixel)) for _ in range(1 + n + n * (n + 1) // 2)]
     state = dr.while_loop((first, *zero), lambda k, *_: k < last, body, label="event terms")
     return state[1], list(state[2 : 2 + n]), list(state[2 + n :])
-
-
-def pair_residuals(model, pairs: PairData, constant_light, theta: np.ndarray) -> np.ndarray:
-    """Give the relative residual of every pair (n_pair).
-
-    Parameters
-    ----------
-    model : callable
-        Forward model.
-    theta : (n_pixel, 2 + n_band) float
-        Slopes and log reflectances.
-    """
-    Float = type(pairs.phases)
-    p, q, *log_reflectance = (Float(np.ascontiguousarray(column, np.float32)) for column in theta.T)
-    signal, *_ = model(
-        p, q, [dr.exp(t) for t in log_reflectance], dr.opaque(Float, model.illumination.horizon)
-    )
-    table = signal_table(signal, len(theta))
-    return relative_residual(table, pairs, constant_light, *every_pair(pairs), True)[0].numpy()
-
-
-def every_pair(pairs: PairData):
-    """Give the number of every pair, its pixel, and the number of pixels."""
-    UInt32 = type(pairs.offset)
-    count = np.diff(pairs.offset.numpy())
-    pixel = UInt32(np.repeat(np.arange(len(count), dtype=np.uint32), count))
-    return dr.arange(UInt32, dr.width(pixel)), pixel, dr.opaque(UInt32, len(count))

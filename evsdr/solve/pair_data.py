@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import numpy as np
 
+from evsdr.model.arrays import owned
+
 
 @dataclass(frozen=True)
 class PairData:
@@ -41,6 +43,27 @@ class PairData:
     silent_phases: object = None
     weight: object = None
 
+    @property
+    def counts(self) -> np.ndarray:
+        """Number of pairs of each pixel (n_pixel) int64."""
+        return np.diff(self.offset.numpy().astype(np.int64))
+
+    def of_pixels(self, pixel: np.ndarray) -> "PairData":
+        """Keep the pairs of some pixels, without silences."""
+        first = self.offset.numpy().astype(np.int64)
+        k = np.concatenate([np.arange(first[i], first[i + 1]) for i in pixel])
+        kept = np.append(0, np.cumsum(np.diff(first)[pixel]))
+        return replace(
+            self,
+            offset=owned(type(self.offset), kept),
+            phases=owned(type(self.phases), self.phases.numpy().reshape(-1, 2)[k].ravel()),
+            threshold_on=owned(type(self.phases), self.threshold_on.numpy()[pixel]),
+            threshold_off=owned(type(self.phases), self.threshold_off.numpy()[pixel]),
+            silent_offset=None,
+            silent_phases=None,
+            weight=None if self.weight is None else owned(type(self.phases), self.weight.numpy()[k]),
+        )
+
 
 def without(pairs: PairData, ignored: np.ndarray) -> PairData:
     """Leave out all events and silences of some pixels, ignored (n_pixel) bool."""
@@ -64,8 +87,8 @@ def _choose(pairs: PairData, kept: Callable) -> PairData:
         k = np.repeat(first[:-1], some) + within * np.repeat(count, some) // np.maximum(
             np.repeat(some, some), 1
         )
-        chosen = (type(v)(v.numpy().reshape(first[-1], -1)[k].ravel()) for v in lists)
-        return type(offset)(new.astype(np.uint32)), *chosen
+        chosen = (owned(type(v), v.numpy().reshape(first[-1], -1)[k].ravel()) for v in lists)
+        return owned(type(offset), new), *chosen
 
     offset, phases = part(pairs.offset, pairs.phases)
     weight = pairs.weight if pairs.weight is None else part(pairs.offset, pairs.weight)[1]
@@ -91,16 +114,16 @@ def pack_slots(order: np.ndarray, n_led: int) -> np.ndarray:
 def unpack_pair(phases, k, active):
     """Fetch phase at start, phase at end and polarity of pair k."""
     Float = type(phases)
-    start, coded = dr.gather(_array(Float, 2), phases, k, active)
+    start, coded = dr.gather(array_type(Float, 2), phases, k, active)
     return start, dr.abs(coded) - 1.0, dr.select(coded > 0, Float(1.0), Float(-1.0))
 
 
-def _array(Float: type, size: int) -> type:
+def array_type(Float: type, size: int) -> type:
     """Give the type of small vectors of a Float type."""
     return getattr(sys.modules[Float.__module__], f"Array{size}f")
 
 
-def _lit(pairs: PairData, phase, active):
+def lit_leds(pairs: PairData, phase, active):
     """Tell which two LEDs are lit at a phase, and their shares."""
     slot = type(pairs.offset)(phase)
     fade = phase - type(phase)(slot)
@@ -111,22 +134,73 @@ def _lit(pairs: PairData, phase, active):
 # ---------------------------------------------------------------------- residuals
 
 
-def signal_table(signal: list, n_pixel: int):
-    """Lay per-LED values out LED after LED, with a row of zeros for darkness: ((n_led + 1) * n_pixel)."""
-    Float = type(signal[0])
-    rows = [dr.zeros(Float, n_pixel) + row for row in signal] + [dr.zeros(Float, n_pixel)]
-    return dr.concat(rows)
+@dataclass(frozen=True)
+class Table:
+    """Values of (pixel, LED) for look-up: pixel after pixel, in each LED after LED, darkness last.
+
+    Attributes
+    ----------
+    values : Float, (n_pixel * (n_led + 1) * size)
+    n_led : int
+    size : int
+        Values of each.
+    """
+
+    values: object
+    n_led: int
+    size: int
+
+    @classmethod
+    def of(cls, rows: list[list], n_pixel: int, room=None) -> "Table":
+        """Lay out some values for each LED, of width 1 or n_pixel; darkness has zeros.
+
+        A frozen function must be given `room`, see `room_for`: it would replay the size of an array that it makes itself.
+        """
+        Float, n, size = type(rows[0][0]), len(rows) + 1, len(rows[0])
+        vector = Float if size == 1 else array_type(Float, size)
+        place = dr.arange(dr.uint32_array_t(Float), n_pixel) * n
+        values = Float(room_for(Float, n_pixel, len(rows), size) if room is None else room)
+        for j, row in enumerate(rows):
+            entry = vector(*(dr.zeros(Float, n_pixel) + value for value in row))
+            dr.scatter(values, entry, place + j, mode=dr.ReduceMode.NoConflicts)
+        return cls(values, len(rows), size)
+
+    def at(self, pixel, led, active):
+        """Look all values of an entry up."""
+        vector = type(self.values) if self.size == 1 else array_type(type(self.values), self.size)
+        return dr.gather(vector, self.values, pixel * (self.n_led + 1) + led, active)
+
+    def first_at(self, pixel, led, active):
+        """Look the first value of an entry up."""
+        place = (pixel * (self.n_led + 1) + led) * self.size
+        return dr.gather(type(self.values), self.values, place, active)
 
 
-def ends(table, pairs: PairData, k, pixel, n_pixel, active):
-    """Look up the values of a `signal_table` at start and end of pair k, and the pair's polarity."""
-    Float = type(pairs.phases)
+def room_for(Float: type, n_pixel: int, n_led: int, size: int = 4):
+    """Give the zeros that `Table.of` fills."""
+    room = dr.zeros(Float, n_pixel * (n_led + 1) * size)
+    dr.make_opaque(room)
+    return room
+
+
+def signal_table(signal: list, n_pixel: int) -> Table:
+    """Lay one value per LED out."""
+    return Table.of([[row] for row in signal], n_pixel)
+
+
+def ends(table: Table, pairs: PairData, k, pixel, active):
+    """Look up the first values of a table at start and end of pair k, and the pair's polarity."""
     *phases, polarity = unpack_pair(pairs.phases, k, active)
     values = [
-        sum(
-            share * dr.gather(Float, table, led * n_pixel + pixel, active)
-            for led, share in _lit(pairs, phase, active)
-        )
+        sum(share * table.first_at(pixel, led, active) for led, share in lit_leds(pairs, phase, active))
         for phase in phases
     ]
     return *values, polarity
+
+
+def every_pair(pairs: PairData):
+    """Give the number of every pair, and its pixel."""
+    UInt32 = type(pairs.offset)
+    count = pairs.counts
+    pixel = owned(UInt32, np.repeat(np.arange(len(count), dtype=np.uint32), count))
+    return dr.arange(UInt32, dr.width(pixel)), pixel

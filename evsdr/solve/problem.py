@@ -6,6 +6,7 @@ import drjit as dr
 import numpy as np
 
 from evsdr.events.pairs import Pairs
+from evsdr.model.arrays import owned
 from evsdr.model.gloss import GlossyRing
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
@@ -89,7 +90,7 @@ def make_problem(
     no_polarity = np.ones(np.count_nonzero(silent), np.int8)
 
     def threshold(value):
-        return Float(np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
+        return owned(Float, np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
 
     sensor = recording.sensor
     return Problem(
@@ -97,18 +98,18 @@ def make_problem(
         fired=np.diff(pairs.offset)[pixel] > 0,
         pairs=PairData(
             offset=offset,
-            phases=Float(
-                pack_phases(pairs.phase_start[chosen], pairs.phase_end[chosen], pairs.polarity[chosen])
+            phases=owned(
+                Float, pack_phases(pairs.phase_start[chosen], pairs.phase_end[chosen], pairs.polarity[chosen])
             ),
             threshold_on=threshold(sensor.contrast_threshold_on),
             threshold_off=threshold(sensor.contrast_threshold_off),
-            slot_leds=UInt32(pack_slots(recording.schedule.order, light.n_led)),
+            slot_leds=owned(UInt32, pack_slots(recording.schedule.order, light.n_led)),
             silent_offset=silent_offset,
-            silent_phases=Float(
-                pack_phases(pairs.silent_start[silent], pairs.silent_probe[silent], no_polarity)
+            silent_phases=owned(
+                Float, pack_phases(pairs.silent_start[silent], pairs.silent_probe[silent], no_polarity)
             ),
         ),
-        illumination=_of_pixels(light, UInt32(pixel.astype(np.uint32))),
+        illumination=_of_pixels(light, owned(UInt32, pixel)),
         grid=make_grid(mask, UInt32),
     )
 
@@ -117,7 +118,7 @@ def _of_list(offset: np.ndarray, mask: np.ndarray, heard: np.ndarray, UInt32: ty
     """Give the offsets of a list for the masked pixels, and which entries it keeps: those of pixels heard."""
     count = np.diff(offset)
     kept = np.concatenate([[0], np.cumsum(np.where(heard.ravel(), count, 0)[mask.ravel()])])
-    return UInt32(kept.astype(np.uint32)), np.repeat(heard.ravel(), count)
+    return owned(UInt32, kept), np.repeat(heard.ravel(), count)
 
 
 def _of_pixels(light: Illumination, pixel) -> Illumination:

@@ -14,13 +14,16 @@ import numpy as np
 from drjit.opt import AdamW
 
 from evsdr.frozen import no_garbage_collection
+from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import led_signals
-from evsdr.solve.loss import every_pair, relative_residual
+from evsdr.solve.loss import relative_residual
+from evsdr.solve.noise import MEDIAN_TO_SIGMA
 from evsdr.solve.pair_data import PairData, ends, signal_table
 
 GATE_DEG = 11.88  # half-peak width of a Blinn-Phong lobe of shininess 32 (supplement, eq. 11)
 SMALLEST_NZ = 0.02
+LOOK = 100  # steps between two looks at how residuals scatter
 WEIGHT_DECAY = 0.01  # AdamW's usual value; the paper names none
 
 
@@ -44,6 +47,9 @@ class AdamSettings:
         Its weight.
     gate_floor : float
         Weight of a pair on the half vector itself.
+    robust : float, optional
+        Width of the Cauchy cost in standard deviations, which down-weights pairs that contradict the model, as those
+        in cast shadows do; by default all count alike.
     """
 
     rank: int = 8
@@ -55,6 +61,7 @@ class AdamSettings:
     blur_sigma: float = 5.0
     consistency: float = 1e-2
     gate_floor: float = 0.1
+    robust: float | None = None
 
 
 @no_garbage_collection()
@@ -94,19 +101,18 @@ def solve(
     Array3f = type(illumination.direction[0])
     rng = np.random.default_rng(seed)
     n_pixel, n_band, rank = len(pixel), illumination.n_band, settings.rank
-    n = dr.opaque(UInt32, n_pixel)
     pair = dr.arange(UInt32, dr.width(pairs.phases) // 2)
-    pixel_of_pair = UInt32(np.repeat(np.arange(n_pixel, dtype=np.uint32), np.diff(pairs.offset.numpy())))
+    pixel_of_pair = owned(UInt32, np.repeat(np.arange(n_pixel), pairs.counts))
     dr.make_opaque(pair, pixel_of_pair)
     half = [dr.normalize(d + Array3f(0, 0, 1)) for d in illumination.direction]
-    place = UInt32(pixel.astype(np.uint32))
+    place = owned(UInt32, pixel)
 
     maps = ["nx", "ny", "nz", *(f"a{k}" for k in range(rank))]
     optimiser = AdamW(
         settings.rate_reflectance, beta_1=settings.beta[0], beta_2=settings.beta[1], weight_decay=WEIGHT_DECAY
     )
     for name, column in zip(maps, start_normal.T):
-        optimiser[name] = Float(np.ascontiguousarray(column, np.float32))
+        optimiser[name] = owned(Float, column)
     for k in range(rank):
         optimiser[f"a{k}"] = Float((0.2 + 0.01 * rng.standard_normal(n_pixel)).astype(np.float32))
         optimiser[f"b{k}"] = Float(
@@ -126,27 +132,37 @@ def solve(
         gloss = [
             (1.0 - settings.gate_floor) * dr.exp(-dr.square(x / float(np.radians(GATE_DEG)))) for x in angle
         ]
-        start, end, _ = ends(signal_table(gloss, n_pixel), pairs, pair, pixel_of_pair, n, True)
+        start, end, _ = ends(signal_table(gloss, n_pixel), pairs, pair, pixel_of_pair, True)
         return (1.0 - start) * (1.0 - end)
 
-    @dr.freeze(state_fn=lambda *_: (illumination, pairs, pair, pixel_of_pair, n, half))
-    def step(optimiser, smooth):
-        variables = dict(optimiser.items())
+    def residuals():
+        return residuals_at(dict(optimiser.items()))[1]
+
+    def residuals_at(variables):
         normal = dr.normalize(Array3f(*(variables[name] for name in maps[:3])))
-        signal = led_signals(illumination, normal, reflectance_of(variables))
-        table = signal_table(signal, n_pixel)
-        u, threshold = relative_residual(
-            table, pairs, illumination.constant_light, pair, pixel_of_pair, n, True
+        table = signal_table(led_signals(illumination, normal, reflectance_of(variables)), n_pixel)
+        return normal, *relative_residual(
+            table, pairs, illumination.constant_light, pair, pixel_of_pair, True
         )
-        loss = dr.mean(gate(dr.detach(normal)) * dr.square(threshold * u))
+
+    @dr.freeze(state_fn=lambda *_: (illumination, pairs, pair, pixel_of_pair, half))
+    def step(optimiser, smooth, width):
+        variables = dict(optimiser.items())
+        normal, u, threshold = residuals_at(variables)
+        weight = gate(dr.detach(normal)) / (1.0 + dr.square(dr.detach(u) * width))
+        loss = dr.mean(weight * dr.square(threshold * u))
         for name, target in zip(maps, smooth):
             loss += settings.consistency * dr.mean(dr.square(variables[name] - target))
         dr.backward(loss)
         optimiser.step()
         constrain(optimiser, rank)
 
+    width = dr.opaque(Float, 0.0)  # of what is down-weighted, inverse; 0 weighs nothing down
     for i in range(settings.n_step):
-        step(optimiser, blur([dr.detach(optimiser[name]) for name in maps], place, shape, settings))
+        if settings.robust and i % LOOK == LOOK - 1:
+            scatter = MEDIAN_TO_SIGMA * float(np.median(np.abs(residuals().numpy())))
+            width = dr.opaque(Float, 1 / (settings.robust * scatter))
+        step(optimiser, blur([dr.detach(optimiser[name]) for name in maps], place, shape, settings), width)
         dr.eval(optimiser)
         dr.sync_thread()
         progress("AdamW", (i + 1) / settings.n_step)
@@ -184,44 +200,4 @@ def blur(maps: list, pixel, shape: tuple[int, int], settings: AdamSettings) -> l
     return [total / weight for total in sums]
 
 
-GATE_FLOOR = 0.1  # weight of a pair on the half vector itself
-
-
 # ---------------------------------------------------------------------- without a lobe: gate and robust width
-
-
-def gate_weights(
-    illumination: Illumination, normal, view=None, gate_deg: float = GATE_DEG, floor: float = GATE_FLOOR
-) -> list:
-    """Give the weight of each LED in each pixel: low where the normal is near the LED's half vector.
-
-    The angular gate of EventSpecPS (section 5.1), which leaves its form open: here, of the angle a,
-    1 - (1 - floor) exp(-(a / gate)^2).
-
-    Parameters
-    ----------
-    normal : Array3f, (n_pixel)
-        Unit normals as known so far.
-
-    Returns
-    -------
-    list of Float, (n_led) of width n_pixel
-    """
-    view = type(normal)(0, 0, 1) if view is None else view
-    weights = []
-    for d in illumination.direction:
-        angle = dr.acos(dr.clip(dr.dot(normal, dr.normalize(d + view)), -1.0, 1.0))
-        weights.append(1.0 - (1.0 - floor) * dr.exp(-dr.square(angle / float(np.radians(gate_deg)))))
-    return weights
-
-
-def pair_weights(pairs: PairData, weights: list):
-    """Turn weights of (LED, pixel) into weights of event pairs: the product of those of both ends.
-
-    Returns
-    -------
-    Float, (n_pair)
-    """
-    table = signal_table([1.0 - w for w in weights], dr.width(pairs.threshold_on))
-    start, end, _ = ends(table, pairs, *every_pair(pairs), True)
-    return (1.0 - start) * (1.0 - end)

@@ -8,30 +8,21 @@ import numpy as np
 
 from evsdr.events.pairs import pair_events
 from evsdr.events.photoreceptor import Photoreceptors
+from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
 from evsdr.records import Recording
-from evsdr.solve import levenberg
-from evsdr.solve.grid import NEXT, Grid
-from evsdr.solve.pair_data import PairData, pack_phases, pack_slots
+from evsdr.solve import stages
+from evsdr.solve.grid import lonely_grid
+from evsdr.solve.pair_data import PairData, pack_phases, pack_slots, thin
 from evsdr.solve.problem import Problem
+from evsdr.solve.recipes import Effort, trial
+from evsdr.solve.solution import Solution
+from evsdr.solve.stages import data_of, start_of
+from evsdr.solve.unknowns import first_theta
 
-QUICK = replace(levenberg.PRESETS["fast"], silence=False, priors=None, n_sweep=0, n_final=8)
+N_HEARD, N_MOST = 40, 48  # events of a pixel that count in the search, and at all
 FINE = np.linspace(-0.6, 0.6, 7)  # around the best candidate, relative to the distance of its neighbours
-
-
-def of_pixels(pairs: PairData, pixel: np.ndarray) -> PairData:
-    """Keep the pairs of some pixels."""
-    Float, UInt32 = type(pairs.phases), type(pairs.offset)
-    offset = pairs.offset.numpy().astype(np.int64)
-    k = np.concatenate([np.arange(offset[i], offset[i + 1]) for i in pixel])
-    return PairData(
-        offset=UInt32(np.append(0, np.cumsum(np.diff(offset)[pixel])).astype(np.uint32)),
-        phases=Float(pairs.phases.numpy().reshape(-1, 2)[k].ravel()),
-        threshold_on=Float(pairs.threshold_on.numpy()[pixel]),
-        threshold_off=Float(pairs.threshold_off.numpy()[pixel]),
-        slot_leds=pairs.slot_leds,
-    )
 
 
 def costs(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresholds: bool) -> np.ndarray:
@@ -45,9 +36,7 @@ def costs(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresho
     return solve(cases, light, pixel, thresholds).cost.reshape(len(cases), -1)
 
 
-def solve(
-    cases: list[PairData], light: Illumination, pixel: np.ndarray, thresholds: bool
-) -> levenberg.Solution:
+def solve(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresholds: bool) -> Solution:
     """Fit each reading.
 
     Parameters
@@ -63,7 +52,7 @@ def solve(
 
     Returns
     -------
-    levenberg.Solution
+    Solution
         Pixels of one reading after those of another.
     """
     Float, UInt32 = type(cases[0].phases), type(cases[0].offset)
@@ -73,28 +62,26 @@ def solve(
         own = case.phases.numpy().reshape(-1, 2)
         away = n_slot * i  # slots of a case lie behind those of the one before
         phases.append(own + away * np.stack([np.ones(len(own)), np.sign(own[:, 1])], axis=-1))
-        counts.append(np.diff(case.offset.numpy().astype(np.int64)))
+        counts.append(case.counts)
     pixel = np.broadcast_to(pixel, (len(cases), np.shape(pixel)[-1])).ravel()
     n_pixel = len(pixel)
 
     def together(arrays, kind):
-        return kind(np.concatenate([np.asarray(a) for a in arrays]))
+        return owned(kind, np.concatenate([a.numpy() for a in arrays]))
 
     tried = PairData(
-        offset=UInt32(np.append(0, np.cumsum(np.concatenate(counts))).astype(np.uint32)),
-        phases=Float(np.concatenate(phases).astype(np.float32).ravel()),
-        threshold_on=together([case.threshold_on.numpy() for case in cases], Float),
-        threshold_off=together([case.threshold_off.numpy() for case in cases], Float),
-        slot_leds=together([case.slot_leds.numpy() for case in cases], UInt32),
+        offset=owned(UInt32, np.append(0, np.cumsum(np.concatenate(counts)))),
+        phases=owned(Float, np.concatenate(phases).ravel()),
+        threshold_on=together([case.threshold_on for case in cases], Float),
+        threshold_off=together([case.threshold_off for case in cases], Float),
+        slot_leds=together([case.slot_leds for case in cases], UInt32),
     )
-    there = light.gather(UInt32(pixel.astype(np.uint32)))
-    start = [dr.zeros(Float, n_pixel) for _ in range(2 + light.n_band + (2 if thresholds else 0))]
-    for b in range(light.n_band):
-        start[2 + b] += float(np.log(levenberg.REFLECTANCE_CENTRE))
-    itself = {place: dr.arange(UInt32, n_pixel) for place in NEXT}
-    nowhere = {place: dr.full(dr.mask_t(Float), False, n_pixel) for place in NEXT}
-    alone = Grid(np.ones((1, n_pixel), bool), itself, nowhere)
-    return levenberg.solve(LambertianRing(there), tried, light.constant_light, start, alone, QUICK)
+    there = light.gather(owned(UInt32, pixel))
+    grid, width = lonely_grid(n_pixel, UInt32), Effort().width(thresholds)
+    data = data_of(LambertianRing(there), thin(tried, N_MOST), light.constant_light, grid, width)
+    frontal = np.tile([0.0, 0.0, 1.0], (n_pixel, 1))
+    start = start_of(data, first_theta(frontal, light.n_band, thresholds, Float), N_HEARD)
+    return stages.solve(data, trial(), start)
 
 
 # ---------------------------------------------------------------------- other readings of the events
@@ -119,11 +106,11 @@ def read(
     pairs = pair_events(few, None, receptors)
     count = np.diff(pairs.offset.astype(np.int64))[problem.pixel[row]]
     return PairData(
-        offset=UInt32(np.append(0, np.cumsum(count)).astype(np.uint32)),
-        phases=Float(pack_phases(pairs.phase_start, pairs.phase_end, pairs.polarity)),
-        threshold_on=Float(known.threshold_on.numpy()[row]),
-        threshold_off=Float(known.threshold_off.numpy()[row]),
-        slot_leds=UInt32(pack_slots(few.schedule.order, problem.illumination.n_led)),
+        offset=owned(UInt32, np.append(0, np.cumsum(count))),
+        phases=owned(Float, pack_phases(pairs.phase_start, pairs.phase_end, pairs.polarity)),
+        threshold_on=owned(Float, known.threshold_on.numpy()[row]),
+        threshold_off=owned(Float, known.threshold_off.numpy()[row]),
+        slot_leds=owned(UInt32, pack_slots(few.schedule.order, problem.illumination.n_led)),
     )
 
 

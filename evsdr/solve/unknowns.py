@@ -1,16 +1,96 @@
-"""What the unknowns of a pixel mean."""
+"""What the unknowns of a pixel mean: the only place that knows what theta[i] is.
 
+theta = two slopes (p, q) of the surface, n ~ (-p, -q, 1); the logarithm of each band's reflectance; and, where
+thresholds are unknown, the logarithms of the factors on C_on and C_off.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
 import numpy as np
+from scipy import ndimage
 
-from evsdr.solve import levenberg
+from evsdr.model.arrays import columns, owned
+
+SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
+REFLECTANCE_CENTRE, LOG_REFLECTANCE_SIGMA = 0.25, 2.0  # weak prior: 0.03 .. 2 within one sigma
+LARGEST_STEP = (1.0, 2.0)  # of a slope, of a logarithm
+LARGEST_SLOPE, LOG_REFLECTANCE_RANGE = 30.0, (-9.0, 1.5)
+SLOPES = slice(0, 2)
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """The unknowns of a pixel.
+
+    Attributes
+    ----------
+    n_band : int
+        Number of bands.
+    thresholds : bool
+        Whether the factors on both thresholds are among them.
+    """
+
+    n_band: int
+    thresholds: bool
+
+    @property
+    def n_map(self) -> int:
+        """Number of those that become maps."""
+        return 2 + self.n_band
+
+    @property
+    def number(self) -> int:
+        return self.n_map + 2 * self.thresholds
+
+    def reflectance(self, theta: list) -> list:
+        """Give the reflectance of each band."""
+        return [dr.exp(t) for t in theta[2 : self.n_map]]
+
+    def gains(self, theta: list) -> list | None:
+        """Give the factors on C_on and C_off; None where thresholds are known."""
+        return [dr.exp(t) for t in theta[self.n_map :]] if self.thresholds else None
+
+    def prior(self, spread: list) -> tuple[list, list]:
+        """Give centre and standard deviation of each unknown's weak prior.
+
+        Parameters
+        ----------
+        spread : list of Float
+            Two centres and two standard deviations of the logarithms of the factors; empty if thresholds are known.
+        """
+        centre = [0.0] * 2 + [float(np.log(REFLECTANCE_CENTRE))] * self.n_band
+        sigma = [SLOPE_SIGMA] * 2 + [LOG_REFLECTANCE_SIGMA] * self.n_band
+        return centre + spread[:2], sigma + spread[2:]
+
+    @staticmethod
+    def moved(theta: list, move: list) -> list:
+        """Add a step, kept to a sensible length, and stay within sensible values."""
+        out = []
+        for i, (t, m) in enumerate(zip(theta, move)):
+            longest = LARGEST_STEP[i >= 2]
+            low, high = (-LARGEST_SLOPE, LARGEST_SLOPE) if i < 2 else LOG_REFLECTANCE_RANGE
+            out.append(dr.clip(t + dr.clip(m, -longest, longest), low, high))
+        return out
 
 
 def to_theta(normal: np.ndarray, reflectance: np.ndarray, Float: type) -> list:
-    """Give slopes and log reflectances as Dr.Jit arrays of a type."""
-    nz = np.maximum(normal[:, 2], 1 / levenberg.LARGEST_SLOPE)
-    columns = [-normal[:, 0] / nz, -normal[:, 1] / nz]
-    columns += list(np.log(np.maximum(reflectance, np.exp(levenberg.LOG_REFLECTANCE_RANGE[0]))).T)
-    return [Float(np.ascontiguousarray(c, np.float32)) for c in columns]
+    """Give slopes and log reflectances of normals (n, 3) and reflectances (n, n_band) as Dr.Jit arrays of a type."""
+    nz = np.maximum(normal[:, 2:], 1 / LARGEST_SLOPE)
+    log_reflectance = np.log(np.maximum(reflectance, np.exp(LOG_REFLECTANCE_RANGE[0])))
+    return columns(Float, np.column_stack([-normal[:, :2] / nz, log_reflectance]))
+
+
+def first_theta(normal: np.ndarray, n_band: int, thresholds: bool, Float: type) -> list:
+    """Give unknowns to start from: normals (n, 3), reflectances of which nothing is known, thresholds as told."""
+    theta = to_theta(normal, np.full((len(normal), n_band), REFLECTANCE_CENTRE), Float)
+    return theta + columns(Float, np.zeros((len(normal), 2 * thresholds)))
+
+
+def to_normal(theta: np.ndarray) -> np.ndarray:
+    """Give unit normals (n, 3) of unknowns (n, n_unknown)."""
+    normal = np.column_stack([-theta[:, SLOPES], np.ones(len(theta))])
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
 def normal_sigma_deg(p: np.ndarray, q: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -23,3 +103,14 @@ def normal_sigma_deg(p: np.ndarray, q: np.ndarray, covariance: np.ndarray) -> np
     metric = np.stack([[1 + q**2, -p * q], [-p * q, 1 + p**2]]) / h2**2
     variance = np.einsum("ijn,nij->n", metric, covariance)
     return np.degrees(np.sqrt(np.maximum(variance, 0)))
+
+
+def fill(theta: list, good: np.ndarray, mask: np.ndarray) -> list:
+    """Give each pixel that is not good (n_pixel) the unknowns of the nearest one that is."""
+    if good.all() or not good.any():
+        return theta
+    number, image = np.zeros(mask.shape, np.uint32), np.zeros(mask.shape, bool)
+    number[mask], image[mask] = np.arange(len(good)), good
+    nearest = ndimage.distance_transform_edt(~image, return_distances=False, return_indices=True)
+    index = owned(dr.uint32_array_t(type(theta[0])), number[tuple(nearest)][mask])
+    return [dr.gather(type(t), t, index) for t in theta]

@@ -153,8 +153,8 @@ def test_spoilt_inverse_is_not_known(commands, monkeypatch):
         return solution
 
     before, summary = commands.results()
-    lm_solve = decoder.levenberg.solve
-    monkeypatch.setattr(decoder.levenberg, "solve", solve)
+    lm_solve = decoder.run
+    monkeypatch.setattr(decoder, "run", solve)
     maps, spoilt = commands.results()
     assert np.count_nonzero(before["mask"] & ~maps["mask"]) == 2
     assert spoilt["numbers"]["pixels_known"] == summary["numbers"]["pixels_known"] - 2

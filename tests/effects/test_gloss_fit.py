@@ -11,12 +11,10 @@ from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import load_scene
 from evsdr.model.gloss import GlossyRing, RoughCoating
 from evsdr.model.lambert import LambertianRing
-from evsdr.solve.loss import derivative_table, normal_equations, pair_residuals
+from evsdr.solve.loss import derivative_table, normal_equations, residuals
 from evsdr.solve.pair_data import thin
-from evsdr.solve.published import gate_weights, pair_weights
 from evsdr.solve.unknowns import to_theta
-from tests.support.analytic import ring_directions
-from tests.support.glossy import KINDS, floats, mean_error, sphere, vectors
+from tests.support.glossy import KINDS, floats, mean_error, sphere
 from tests.support.sphere import solve
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
@@ -44,7 +42,7 @@ def test_normal_equations_know_what_scales_with_reflectance(coated):
         p, q, *rho = floats(*theta)
         signal, by_p, by_q, diffuse = model(p, q, [dr.exp(r) for r in rho], mi.Float(0.01))
         table = derivative_table(signal, by_p, by_q, light.band, n, diffuse)
-        given = table, pairs, light.constant_light, dr.opaque(mi.UInt32, n), 8, 0.3, 3.0, False, 0.9
+        given = table, pairs, light.constant_light, 8, 0.3, 3.0, False, 0.9
         cost, gradient, _ = normal_equations(*given)
         return cost.numpy().astype(float), np.array([g.numpy() for g in gradient])
 
@@ -68,9 +66,7 @@ def test_weights_count(coated):
 
     def terms(weight):
         pairs = problem.pairs if weight is None else replace(problem.pairs, weight=weight)
-        cost, gradient, matrix = normal_equations(
-            table, pairs, light.constant_light, dr.opaque(mi.UInt32, n), 8, 0.1, 3.0, False, 0.9
-        )
+        cost, gradient, matrix = normal_equations(table, pairs, light.constant_light, 8, 0.1, 3.0, False, 0.9)
         return np.array([v.numpy() for v in (cost, *gradient, *matrix)])
 
     n_pair = dr.width(problem.pairs.phases) // 2
@@ -135,30 +131,10 @@ def test_materials_are_as_many_as_spectra(rng):
         assert all(np.ptp(label[kind == k]) == 0 for k in range(n))
 
 
-# ---------------------------------------------------------------------- without a lobe
-
-
-def test_the_gate_closes_on_the_half_vector(coated):
-    problem, normal, _, _ = coated
-    light = problem.illumination
-    weights = gate_weights(light, vectors(normal), floor=0.2)
-    half = ring_directions() + [0, 0, 1]
-    half /= np.linalg.norm(half, axis=1, keepdims=True)
-    angle = np.degrees(np.arccos(np.clip(half @ normal.T, -1, 1)))
-    values = np.array([w.numpy() for w in weights])
-    assert values.min() == pytest.approx(0.2, abs=0.02)
-    np.testing.assert_allclose(values[angle > 40], 1, atol=1e-3)
-    np.testing.assert_allclose(values, 1 - 0.8 * np.exp(-((angle / 11.88) ** 2)), atol=2e-3)
-    pair = pair_weights(problem.pairs, weights).numpy()
-    assert len(pair) == dr.width(problem.pairs.phases) // 2
-    assert 0.02 < pair.min() < 0.3 and 0.99 < pair.max() <= 1
-
-
 def test_gloss_lengthens_the_tails_of_residuals(coated):
     problem, _, _, matt = coated
     light = problem.illumination
-    given = problem.pairs, light.constant_light, matt.theta
-    u = pair_residuals(LambertianRing(light), *given)
+    u = residuals(LambertianRing(light), problem.pairs, light.constant_light, matt.theta).numpy()
     assert 1.4826 * np.median(np.abs(u)) == pytest.approx(matt.noise, rel=0.1)
 
 

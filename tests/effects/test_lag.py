@@ -14,10 +14,8 @@ from evsdr.events.pixel import EventPixel
 from evsdr.events.record import record, ring_schedule
 from evsdr.metrics import angular_error_deg
 from evsdr.model.illumination import Illumination
-from evsdr.model.lambert import LambertianRing
-from evsdr.solve import levenberg
 from evsdr.solve.problem import make_problem
-from evsdr.solve.unknowns import to_theta
+from tests.support import sphere as sphere_solver
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
 from tests.support.worlds import SmallWorld
 
@@ -44,11 +42,7 @@ def sphere(cutoff_hz, photon_rate_per_us=0.0, size=32):
 
 def solve(recording, light, mask, receptors=None):
     problem = make_problem(recording, pair_events(recording, mask, receptors), light, mask)
-    n = problem.n_pixel
-    start = to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25), mi.Float)
-    effort = levenberg.Effort(priors=None)
-    model = LambertianRing(problem.illumination)
-    return problem, levenberg.solve(model, problem.pairs, light.constant_light, start, problem.grid, effort)
+    return problem, sphere_solver.solve(problem)
 
 
 def mean_error(solution, normal):

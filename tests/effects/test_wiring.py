@@ -8,7 +8,7 @@ import pytest
 from evsdr.effects.wiring import SUSPICIOUS, Fault, Wiring, find_fault, led_residuals
 from evsdr.effects.world import Terms
 from evsdr.errors import InputWarning
-from evsdr.solve import levenberg
+from evsdr.solve.recipes import Effort
 from tests.support.sphere import errors, solve, sphere_recording
 from tests.support.worlds import SmallWorld, problem_of
 
@@ -18,7 +18,7 @@ SIZE, NOISE = 32, {"event_noise": 0.1}
 def test_a_sound_recording_raises_no_doubt():
     recording, light, _, mask = sphere_recording(SIZE, **NOISE)
     problem = problem_of(recording, light, mask)
-    solution = solve(problem, levenberg.Effort())
+    solution = solve(problem, Effort())
     assert led_residuals(problem.pairs, problem.illumination, solution).max() < 0.5 * (1 + SUSPICIOUS)
     assert find_fault(problem.pairs, problem.illumination, solution) is None
 
@@ -29,10 +29,10 @@ def test_dead_and_swapped_leds_are_named_and_mended(fault):
     recording, light, normal, mask = sphere_recording(SIZE, dead=dead, **NOISE)
     order = np.arange(24) if dead else fault.mend(np.arange(24))
     problem = problem_of(recording, light, mask, order)
-    spoilt = solve(problem, levenberg.Effort())
+    spoilt = solve(problem, Effort())
     found = find_fault(problem.pairs, problem.illumination, spoilt)
     assert found == fault
-    mended = solve(problem_of(recording, light, mask, found.mend(order)), levenberg.Effort())
+    mended = solve(problem_of(recording, light, mask, found.mend(order)), Effort())
     assert errors(mended, normal[mask])[0].mean() < 0.3 * errors(spoilt, normal[mask])[0].mean()
     assert errors(mended, normal[mask])[0].mean() < 1
 
@@ -41,7 +41,7 @@ def test_faults_are_also_found_while_thresholds_are_unknown():
     recording, light, _, mask = sphere_recording(SIZE, dead=(12,), **NOISE)
     problem = problem_of(recording, light, mask)
     assert find_fault(
-        problem.pairs, problem.illumination, solve(problem, levenberg.Effort(), thresholds=True)
+        problem.pairs, problem.illumination, solve(problem, Effort(), thresholds=True)
     ) == Fault((12,))
 
 
@@ -56,7 +56,7 @@ def test_mending_an_order():
 def test_a_fault_is_warned_of_and_mended():
     recording, light, _, mask = sphere_recording(SIZE, dead=(5,), **NOISE)
     problem = problem_of(recording, light, mask)
-    fitted = SimpleNamespace(problem=problem, solution=solve(problem, levenberg.Effort()))
+    fitted = SimpleNamespace(problem=problem, solution=solve(problem, Effort()))
     with pytest.warns(InputWarning, match="^the recording: LED 5 gives no light, say the events"):
         decision = Wiring().decide("auto", SmallWorld(recording), fitted)
     assert decision.modelled and decision.found == {"leds": [5]}

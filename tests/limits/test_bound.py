@@ -12,7 +12,7 @@ from evsdr.limits.bound import event_pair_bound, invert_information
 from evsdr.model.illumination import Illumination
 from evsdr.records import Recording, Schedule, Sensor
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
-from tests.support.sphere import ALONE, C_W, SPECTRUM, errors, solve, sphere_problem
+from tests.support.sphere import C_W, PAIRS_ALONE, SPECTRUM, errors, solve, sphere_problem
 
 THRESHOLDS = {"contrast_threshold_on": 0.2, "contrast_threshold_off": 0.2}
 PIXEL = replace(EventPixel.ideal(), **THRESHOLDS, event_noise=0.1)
@@ -93,7 +93,7 @@ def test_the_solver_reaches_the_bound_over_noise_seeds():
     relative, relative_reflectance = [], []
     for seed in range(20):
         problem, truth = sphere_problem(size, event_noise=0.1, seed=seed)
-        angle, difference = errors(solve(problem, replace(ALONE, fine=False)), truth)
+        angle, difference = errors(solve(problem, recipe=PAIRS_ALONE), truth)
         relative.append((angle / bound.normal_sigma_deg[mask])[inner])
         relative_reflectance.append((difference / bound.reflectance_sigma[mask])[inner])
     for values in (np.array(relative), np.array(relative_reflectance)):

@@ -33,7 +33,7 @@ def test_light_of_some_pixels(rng):
 def test_the_pixel_horizon_is_the_mean_over_a_curved_pixel():
     """A cylinder lit at grazing angle: max(0, n . l) averaged over each pixel, by many samples."""
     size, radius, light = 16, 12.0, np.radians(60)  # pixels
-    grid = make_grid(np.ones((3, size), bool), mi.UInt32)
+    grid = make_grid(np.ones((3, size), bool), mi.UInt32).links
     hard, soft = [], []
     for shift in np.linspace(0, 1, 11):
         x = (np.arange(size * 50) + 0.5) / 50 - size / 2 + shift

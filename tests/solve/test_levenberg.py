@@ -6,8 +6,10 @@ import pytest
 
 from evsdr.metrics import angular_error_deg
 from evsdr.model.illumination import HARD
+from evsdr.solve import recipes
+from evsdr.solve.stages import Descend, HearAll, Starts
 from evsdr.solve.unknowns import normal_sigma_deg, to_theta
-from tests.support.sphere import ALONE, SPECTRUM, errors, solve, sphere_problem
+from tests.support.sphere import ALONE, PAIRS_ALONE, SPECTRUM, errors, solve, sphere_problem
 
 
 def test_exact_events_give_exact_maps():
@@ -37,12 +39,8 @@ def test_no_pixel_stays_where_a_better_start_exists():
     """Less than 0.5 % of the pixels end above the cost that a start from the truth reaches."""
     problem, truth = sphere_problem(40, event_noise=0.1)
     reached = solve(problem)
-    n = problem.n_pixel
-    best = solve(
-        problem,
-        replace(ALONE, stages=((HARD, 0.1, 10),)),
-        to_theta(truth, np.tile(SPECTRUM, (n, 1)), mi.Float),
-    )
+    start = to_theta(truth, np.tile(SPECTRUM, (problem.n_pixel, 1)), mi.Float)
+    best = solve(problem, start=start, recipe=recipes.after_light(ALONE))
     assert np.mean(reached.cost > best.cost + 1) < 0.005
 
 
@@ -51,7 +49,7 @@ def test_silence_informs():
     spectrum = np.array([0.03, 0.02, 0.04, 0.5, 0.03, 0.6, 0.03, 0.02])
     problem, truth = sphere_problem(40, event_noise=0.1, threshold=0.4, spectrum=spectrum)
     _, difference = errors(solve(problem), truth, spectrum)
-    _, deaf_difference = errors(solve(problem, replace(ALONE, fine=False)), truth, spectrum)
+    _, deaf_difference = errors(solve(problem, recipe=PAIRS_ALONE), truth, spectrum)
     dark = spectrum < 0.1
     assert np.abs(difference[:, dark]).mean() < 0.7 * np.abs(deaf_difference[:, dark]).mean()
 
@@ -92,8 +90,9 @@ def test_a_fixed_pattern_of_thresholds_is_found(rng):
 
 def test_the_hard_horizon_alone_gets_stuck_and_other_starts_free_it():
     problem, truth = sphere_problem(32, event_noise=0.1)
-    direct = solve(problem, replace(ALONE, stages=((HARD, 0.3, 20),), n_sweep=0))
-    freed = solve(problem, replace(ALONE, stages=((HARD, 0.3, 20),), n_sweep=4))
+    hard, know = Descend(20, 0.01, HARD, 0.3), (HearAll(), Descend(20, 0.01, fine=True), *recipes.know(ALONE))
+    direct = solve(problem, recipe=(hard, *know))
+    freed = solve(problem, recipe=(hard, Starts(4, 3, 0.01), *know))
     assert np.mean(freed.cost) < np.mean(direct.cost) - 1
     assert errors(freed, truth)[0].mean() < errors(direct, truth)[0].mean()
 

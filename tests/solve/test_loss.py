@@ -76,7 +76,7 @@ def test_normal_equations_are_those_of_a_plain_loop(scene):
     rows = [[mi.Float(row) for row in table] for table in (signal, by_p, by_q)]
     table = derivative_table(*rows, BAND, N_PIXEL)
     cost, gradient, matrix = normal_equations(
-        table, pairs, mi.Float(C_W), mi.UInt32(N_PIXEL), N_BAND, mi.Float(SCALE), mi.Float(ROBUST)
+        table, pairs, mi.Float(C_W), N_BAND, mi.Float(SCALE), mi.Float(ROBUST)
     )
     for i in range(N_PIXEL):
         expected = [0.0, np.zeros(2 + N_BAND), np.zeros((2 + N_BAND, 2 + N_BAND))]
@@ -99,7 +99,7 @@ def test_silence_costs_what_exceeds_the_thresholds(scene):
     silent = pack_phases(start, end, np.ones(len(start)))
     pairs = replace(pairs, silent_offset=pairs.offset, silent_phases=mi.Float(silent))
     rows = [[mi.Float(row) for row in table] for table in (signal, by_p, by_q)]
-    given = mi.Float(C_W), mi.UInt32(N_PIXEL), N_BAND, mi.Float(SCALE), mi.Float(ROBUST)
+    given = mi.Float(C_W), N_BAND, mi.Float(SCALE), mi.Float(ROBUST)
     cost, gradient, _ = silence_equations(derivative_table(*rows, BAND, N_PIXEL), pairs, *given)
     silent_scene = (*scene[:6], np.ones(len(start)), np.ones(N_PIXEL), np.ones(N_PIXEL), pairs)
     n_beyond = 0
@@ -124,9 +124,7 @@ def test_residuals_are_those_of_a_plain_loop(scene):
     table = signal_table([mi.Float(row) for row in signal], N_PIXEL)
     pixel = np.repeat(np.arange(N_PIXEL), np.diff(offset))
     k = dr.arange(mi.UInt32, len(pixel))
-    u, threshold = relative_residual(
-        table, pairs, mi.Float(C_W), k, mi.UInt32(pixel.astype(np.uint32)), mi.UInt32(N_PIXEL), True
-    )
+    u, threshold = relative_residual(table, pairs, mi.Float(C_W), k, mi.UInt32(pixel.astype(np.uint32)), True)
     expected = [residual_and_jacobian(scene, i, j)[0] for j, i in enumerate(pixel)]
     np.testing.assert_allclose(u.numpy(), expected, rtol=1e-4, atol=1e-4)
     polarity = scene[6]
@@ -141,7 +139,6 @@ def test_gradient_is_that_of_automatic_differentiation(scene):
         derivative_table(*rows, BAND, N_PIXEL),
         pairs,
         mi.Float(C_W),
-        mi.UInt32(N_PIXEL),
         N_BAND,
         mi.Float(SCALE),
         mi.Float(ROBUST),
@@ -151,7 +148,7 @@ def test_gradient_is_that_of_automatic_differentiation(scene):
     table = signal_table([mi.Float(row) * dr.exp(log_gain[b]) for row, b in zip(signal, BAND)], N_PIXEL)
     pixel = mi.UInt32(np.repeat(np.arange(N_PIXEL, dtype=np.uint32), np.diff(offset)))
     k = dr.arange(mi.UInt32, offset[-1])
-    u, _ = relative_residual(table, pairs, mi.Float(C_W), k, pixel, mi.UInt32(N_PIXEL), True)
+    u, _ = relative_residual(table, pairs, mi.Float(C_W), k, pixel, True)
     dr.backward(dr.sum(0.5 * ROBUST**2 * dr.log(1 + dr.square(u / (SCALE * ROBUST)))))
     for b in range(N_BAND):
         np.testing.assert_allclose(
@@ -166,7 +163,7 @@ def test_threshold_derivatives_are_those_of_finite_differences(scene):
     pairs = replace(pairs, silent_offset=pairs.offset, silent_phases=silent)
     rows = [[mi.Float(row) for row in table] for table in (signal, by_p, by_q)]
     table = derivative_table(*rows, BAND, N_PIXEL)
-    wide = mi.Float(C_W), mi.UInt32(N_PIXEL), N_BAND, mi.Float(SCALE), mi.Float(ROBUST), True
+    wide = mi.Float(C_W), N_BAND, mi.Float(SCALE), mi.Float(ROBUST), True
 
     for equations in (normal_equations, silence_equations):
 
@@ -193,7 +190,7 @@ def test_all_terms_are_those_of_a_plain_loop(scene, rng):
     weight = rng.uniform(0, 2, len(start)).astype(np.float32)
     rows = [[mi.Float(row) for row in table] for table in (signal, by_p, by_q)]
     table = derivative_table(*rows, BAND, N_PIXEL, [mi.Float(row) for row in share * signal])
-    given = mi.Float(C_W), mi.UInt32(N_PIXEL), N_BAND, mi.Float(SCALE), mi.Float(ROBUST), True, 0.7
+    given = mi.Float(C_W), N_BAND, mi.Float(SCALE), mi.Float(ROBUST), True, 0.7
     cost, gradient, matrix = normal_equations(table, replace(pairs, weight=mi.Float(weight)), *given)
     n = 2 + N_BAND + 2
     band = np.eye(N_BAND)[BAND]
@@ -255,7 +252,6 @@ def test_the_slope_term_is_the_density_of_event_times(scene, thresholds):
         table,
         pairs,
         mi.Float(C_W),
-        mi.UInt32(N_PIXEL),
         N_BAND,
         mi.Float(SCALE),
         mi.Float(ROBUST),

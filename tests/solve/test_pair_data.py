@@ -97,7 +97,7 @@ def test_light_at_both_ends_of_a_pair(rng):
     phases, slots = mi.Float(pack_phases(start, end, polarity)), mi.UInt32(pack_slots(order, 3))
     pairs = PairData(mi.UInt32(0, 1, 3), phases, None, None, slots)
     pixel = np.array([0, 1, 1])
-    given_pixel = mi.UInt32(pixel.astype(np.uint32)), mi.UInt32(2), mi.Bool(True)
+    given_pixel = mi.UInt32(pixel.astype(np.uint32)), mi.Bool(True)
     table = signal_table([mi.Float(row) for row in signal], 2)
     found = ends(table, pairs, dr.arange(mi.UInt32, 3), *given_pixel)
     lit = np.vstack([signal, np.zeros(2)])[np.append(order, order[0])]

@@ -1,6 +1,5 @@
 """A sphere under a ring of far LEDs, recorded without Mitsuba, and the solver's view of it."""
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -11,13 +10,23 @@ from evsdr.metrics import angular_error_deg
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
 from evsdr.records import Recording, Schedule, Sensor
-from evsdr.solve import levenberg
+from evsdr.solve import recipes, stages
 from evsdr.solve.problem import make_problem
-from evsdr.solve.unknowns import to_theta
+from evsdr.solve.recipes import Effort
+from evsdr.solve.stages import Descend, HearAll, Neighbours, PixelNoise, Starts
+from evsdr.solve.unknowns import first_theta
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
 
 C_W = 0.05
-ALONE = levenberg.Effort(priors=None)  # each pixel by itself
+ALONE = Effort(priors=None)  # each pixel by itself
+PAIRS_ALONE = (  # without silence, event times, and noise of single pixels
+    *(Descend(30, 0.01, softness) for softness in (0.3, 0.1, 0.03, 0.01, None)),
+    Starts(1, 3, 0.01),
+    HearAll(),
+    Descend(30, 0.01),
+    PixelNoise(fine=False, each=False),
+    Neighbours(None, fine=False),
+)
 SPECTRUM = np.array([0.1, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.6])
 NO_FLAWS = dict.fromkeys(
     ("spread_on", "spread_off", "cutoff_hz", "photon_rate_per_us", "leak_hz", "hot_fraction", "hot_hz"), 0.0
@@ -56,14 +65,15 @@ def sphere_problem(size: int, event_noise: float, **options):
     return make_problem(recording, pair_events(recording, mask), light, mask), normal[mask]
 
 
-def solve(problem, effort=ALONE, start=None, thresholds=False, model=None):
-    """Solve from frontal normals; the surface is matt by default."""
-    n = problem.n_pixel
-    start = start or to_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full((n, 8), 0.25), mi.Float)
-    start += [dr.zeros(mi.Float, n) for _ in range(2 if thresholds else 0)]
-    light = problem.illumination
-    model = model or LambertianRing(light)
-    return levenberg.solve(model, problem.pairs, light.constant_light, start, problem.grid, effort)
+def solve(problem, effort=ALONE, start=None, thresholds=False, model=None, recipe=None):
+    """Solve from frontal normals by the recipe of an effort; the surface is matt by default."""
+    light, model = problem.illumination, model or LambertianRing(problem.illumination)
+    given = problem.pairs, light.constant_light, problem.grid, effort.width(thresholds)
+    data = stages.data_of(model, *given)
+    frontal = np.tile([0.0, 0.0, 1.0], (problem.n_pixel, 1))
+    start = start or first_theta(frontal, light.n_band, thresholds, mi.Float)
+    recipe = recipe or recipes.whole(effort)
+    return stages.solve(data, recipe, stages.start_of(data, start, effort.n_heard))
 
 
 def errors(solution, truth, spectrum=SPECTRUM):

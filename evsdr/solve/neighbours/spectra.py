@@ -7,8 +7,10 @@ from noisy pixels. Directions in which spectra vary visibly above the noise of s
 
 from dataclasses import dataclass
 
+import drjit as dr
 import numpy as np
 
+from evsdr.solve.neighbours.priors import opaque_matrix
 from evsdr.solve.neighbours.student import learn_scatter
 
 KNOWN = 0.05  # largest standard deviation of a reflectance that teaches
@@ -35,6 +37,19 @@ class Spectra:
     mean: np.ndarray
     precision: np.ndarray
     rank: int
+
+    def arrays(self, Float: type) -> "LearntSpectra":
+        """Lay mean and precision out as arrays of width 1, which no kernel holds as numbers."""
+        mean = [dr.opaque(Float, float(value)) for value in self.mean]
+        return LearntSpectra(mean, opaque_matrix(Float, self.precision))
+
+
+@dataclass(frozen=True)
+class LearntSpectra:
+    """`Spectra` as arrays of width 1: mean (n_band) and precision (n_band, n_band)."""
+
+    mean: list
+    precision: list
 
 
 def learn_spectra(reflectance: np.ndarray, covariance: np.ndarray) -> Spectra | None:

@@ -1,212 +1,165 @@
 """The linear system of all pixels that a Gauss-Newton step with priors solves, and draws from its inverse."""
 
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import drjit as dr
 import numpy as np
 
+from evsdr.model.arrays import owned
 from evsdr.solve import triangles
-from evsdr.solve.grid import AROUND_P, AROUND_Q, Grid
-from evsdr.solve.neighbours.stencils import (
-    DIRECTIONS,
-    normal_jacobian,
-    normal_xy,
-    quadratic,
-    sandwich,
-    steepness,
-    traced,
-)
+from evsdr.solve.grid import Links
+from evsdr.solve.neighbours.priors import Form, Learnt, edge_weights, quadratic
+from evsdr.solve.neighbours.spectra import LearntSpectra
 from evsdr.solve.neighbours.student import FREEDOM
 
 TOLERANCE, MOST_STEPS, LOOK = 0.01, 100, 5  # of the conjugate gradients; steps between two looks
 
 
-def with_spectra(theta, data, inverse, spectra, n_band) -> tuple[list, list]:
-    """Add the prior on spectra to gradient and matrix."""
-    gradient, matrix = list(data[1]), list(data[2])
-    if spectra is None:
-        return gradient, matrix
-    r = [dr.exp(t) for t in theta[2 : 2 + n_band]]
-    off = [value - float(mean) for value, mean in zip(r, spectra.mean)]
-    noise = triangles.rows(inverse, range(2, 2 + n_band))
-    noise = [[noise[i][j] * r[i] * r[j] for j in range(n_band)] for i in range(n_band)]
-    distance = quadratic(spectra.precision, off) + traced(spectra.precision, noise)
-    weight = (FREEDOM + n_band) / (FREEDOM + distance)
-    for i in range(n_band):
-        row = [float(v) for v in spectra.precision[i]]
-        gradient[2 + i] = gradient[2 + i] + weight * r[i] * sum(v * o for v, o in zip(row, off))
-        for j in range(i + 1):
-            at = triangles.place(2 + i, 2 + j)
-            matrix[at] = matrix[at] + weight * row[j] * r[i] * r[j]
-    dr.eval(gradient, matrix)
-    return gradient, matrix
+@dataclass(frozen=True)
+class System:
+    """Data and priors around some unknowns: a quadratic form of all pixels.
+
+    Attributes
+    ----------
+    matrix : list of Float, (n_pixel)
+        Lower triangles of the pixels' own matrices.
+    forms : list of Form
+        What ties them to each other.
+    lower, pivot
+        Factors of the diagonal blocks, which precondition the system; see `triangles.factor`.
+    """
+
+    matrix: list
+    forms: list
+    lower: list
+    pivot: list
 
 
-def joint_system(theta, matrix, damping, weights, scatter, grid, n_band) -> dict:
-    """Collect what the product with the matrix of all pixels needs, and its preconditioner."""
-    Float = type(theta[0])
-    n = len(theta)
+@dr.freeze(warn_after=100)
+def weigh(learnt: list[Learnt], theta: list, inverse: list, links: Links) -> list[Form]:
+    """Give the quadratic forms of priors around some unknowns.
+
+    Parameters
+    ----------
+    inverse : list of Float
+        Lower triangle of the covariance of each pixel's unknowns.
+    """
+    return [
+        Form(each, edge_weights(each, theta, inverse, links), each.prior.jacobian(theta)) for each in learnt
+    ]
+
+
+@dr.freeze(warn_after=100)
+def make_system(forms: list[Form], matrix: list, damping, links: Links):
+    """Damp the pixels' matrices and factor the diagonal blocks; gives damped matrices, factors, and inverse blocks."""
+    n = int((8 * len(matrix) + 1) ** 0.5) // 2
     matrix = list(matrix)
     for i in range(n):
         matrix[triangles.place(i, i)] = matrix[triangles.place(i, i)] * (1.0 + damping)
-    system = {"matrix": matrix}
-    block = list(matrix)
-    if "normal" in weights:
-        precision = np.linalg.inv(scatter["normal"])
-        jacobian = normal_jacobian(theta)
-        around = _around(weights["normal"], grid)
-        inner = [[around * float(v) for v in row] for row in precision]
-        turned = sandwich(jacobian, inner)
-        for i, j in ((0, 0), (1, 0), (1, 1)):
-            block[triangles.place(i, j)] = block[triangles.place(i, j)] + turned[i][j]
-        system["jacobian"] = jacobian
-        system["normal_precision"] = [[dr.opaque(Float, float(v)) for v in row] for row in precision]
-        system["normal"] = weights["normal"]
-    if "integrable" in weights:
-        square = (
-            weights["integrable"][0] * dr.square(steepness(theta, grid)) / float(scatter["integrable"][0, 0])
-        )
-        dr.eval(square)
-        for i, stencil in enumerate((AROUND_P, AROUND_Q)):
-            block[triangles.place(i, i)] = block[triangles.place(i, i)] + stencil.squared().adjoint(
-                grid, square
-            )
-        system["square"] = square
-    if "reflectance" in weights:
-        precision = np.linalg.inv(scatter["reflectance"])
-        around = _around(weights["reflectance"], grid)
-        for i in range(n_band):
+    whole = list(matrix)
+    for form in forms:
+        first, block = form.learnt.prior.first, form.block(links)
+        for i, row in enumerate(block):
             for j in range(i + 1):
-                at = triangles.place(2 + i, 2 + j)
-                block[at] = block[at] + around * float(precision[i, j])
-        system["precision"] = [[dr.opaque(Float, float(v)) for v in row] for row in precision]
-        system["reflectance"] = weights["reflectance"]
-    lower, pivot = triangles.factor(block)
-    system["lower"], system["pivot"] = lower, pivot
-    system["inverse"] = triangles.invert(lower, pivot)
-    dr.eval(system)
-    return system
+                at = triangles.place(first + i, first + j)
+                whole[at] = whole[at] + row[j]
+    lower, pivot = triangles.factor(whole)
+    return matrix, lower, pivot, triangles.invert(lower, pivot)
 
 
-def _around(weights: list, grid: Grid):
-    """Sum over the differences that a pixel takes part in: squared factor times weight."""
-    return sum(s.squared().adjoint(grid, w) for s, w in zip(DIRECTIONS, weights))
+@dr.freeze(warn_after=100)
+def add_spectra(spectra: LearntSpectra, theta: list, gradient: list, matrix: list, inverse: list):
+    """Add the prior on spectra to gradient and matrix."""
+    gradient, matrix, n_band = list(gradient), list(matrix), len(spectra.mean)
+    r = [dr.exp(t) for t in theta[2 : 2 + n_band]]
+    off = [value - mean for value, mean in zip(r, spectra.mean)]
+    noise = triangles.rows(inverse, range(2, 2 + n_band))
+    spread = sum(
+        p * noise[i][j] * r[i] * r[j] for i, row in enumerate(spectra.precision) for j, p in enumerate(row)
+    )
+    weight = (FREEDOM + n_band) / (FREEDOM + quadratic(spectra.precision, off) + spread)
+    for i, row in enumerate(spectra.precision):
+        gradient[2 + i] = gradient[2 + i] + weight * r[i] * sum(p * o for p, o in zip(row, off))
+        for j in range(i + 1):
+            at = triangles.place(2 + i, 2 + j)
+            matrix[at] = matrix[at] + weight * row[j] * r[i] * r[j]
+    return gradient, matrix
 
 
-def _prior_product(v: list, normal: list, system: dict, grid: Grid, n_band: int) -> list:
-    """Apply the matrix of the smooth and integrable priors to slopes and log reflectances v.
-
-    `normal` holds what v means for n_x and n_y. All are evaluated arrays.
-    """
-    ends = {}
-    if "normal" in system:
-        ends["normal"] = [
-            [w * s.apply(grid, u) for u in normal] for s, w in zip(DIRECTIONS, system["normal"])
-        ]
-    if "square" in system:
-        ends["square"] = system["square"] * (AROUND_P.apply(grid, v[0]) + AROUND_Q.apply(grid, v[1]))
-    if "reflectance" in system:
-        ends["reflectance"] = [
-            [w * s.apply(grid, u) for u in v[2 : 2 + n_band]]
-            for s, w in zip(DIRECTIONS, system["reflectance"])
-        ]
-    dr.eval(ends)
-    return _prior_adjoint(ends, system, grid, n_band, len(v))
-
-
-def _prior_adjoint(ends: dict, system: dict, grid: Grid, n_band: int, n: int) -> list:
-    """Carry differences back to the unknowns."""
-    out = [0.0] * n
-    if "normal" in ends:
-        back = [sum(s.adjoint(grid, e[i]) for s, e in zip(DIRECTIONS, ends["normal"])) for i in range(2)]
-        back = [sum(v * b for v, b in zip(row, back)) for row in system["normal_precision"]]
-        xx, xy, yy = system["jacobian"]
-        out[0] += xx * back[0] + xy * back[1]
-        out[1] += xy * back[0] + yy * back[1]
-    if "square" in ends:
-        out[0] += AROUND_P.adjoint(grid, ends["square"])
-        out[1] += AROUND_Q.adjoint(grid, ends["square"])
-    if "reflectance" in ends:
-        back = [
-            sum(s.adjoint(grid, e[i]) for s, e in zip(DIRECTIONS, ends["reflectance"])) for i in range(n_band)
-        ]
-        for i, row in enumerate(system["precision"]):
-            out[2 + i] += sum(v * b for v, b in zip(row, back))
+def _added(v: list, parts: list[tuple[int, list]]) -> list:
+    """Add what priors give for their unknowns, each from the first one on."""
+    out = list(v)
+    for first, values in parts:
+        for i, value in enumerate(values):
+            out[first + i] = out[first + i] + value
     return out
 
 
-def prior_gradient(theta, system, grid, n_band) -> list:
-    return _prior_product(theta, normal_xy(theta), system, grid, n_band)
+@dr.freeze(warn_after=100)
+def right_side(forms: list[Form], theta: list, gradient: list, links: Links) -> list:
+    """Give minus the gradient, with the pull of the priors."""
+    pulls = [
+        (form.learnt.prior.first, form.carry(form.learnt.prior.quantities(theta), links)) for form in forms
+    ]
+    return [-g for g in _added(gradient, pulls)]
 
 
-def perturbation(rng, system, scatter, grid, n_band) -> list:
+def draw(rng: np.random.Generator, system: System, links: Links) -> list:
     """Draw a right-hand side whose solution is a draw from the posterior."""
-    Float = type(system["pivot"][0])
-    n, n_pixel = len(system["pivot"]), dr.width(system["pivot"][0])
+    Float, n_pixel = type(system.pivot[0]), dr.width(system.pivot[0])
 
     def white(count):
-        return [Float(row) for row in rng.standard_normal((count, n_pixel), np.float32)]
+        return [owned(Float, row) for row in rng.standard_normal((count, n_pixel), np.float32)]
 
-    right = triangles.color(*triangles.factor(system["matrix"]), white(n))
-    ends = {}
-    for part, d in (("normal", 2), ("reflectance", n_band)):
-        if part in system:
-            root = np.linalg.cholesky(scatter[part])  # precision times this is a root of the precision
-            ends[part] = []
-            for w in system[part]:
-                noise = white(d)
-                ends[part].append(
-                    [dr.sqrt(w) * sum(float(v) * e for v, e in zip(row, noise)) for row in root]
-                )
-    if "square" in system:
-        ends["square"] = dr.sqrt(system["square"]) * white(1)[0]
-    dr.eval(ends)
-    return [r + k for r, k in zip(right, _prior_adjoint(ends, system, grid, n_band, n))]
+    noise = [[white(form.learnt.prior.size) for _ in form.weights] for form in system.forms]
+    return _coloured(system, white(len(system.pivot)), noise, links)
 
 
-def joint_solver(grid: Grid) -> Callable:
-    """Make a solver of systems of all pixels."""
+@dr.freeze(warn_after=100)
+def _coloured(system: System, white: list, noise: list, links: Links) -> list:
+    right = triangles.color(*triangles.factor(system.matrix), white)
+    parts = [(form.learnt.prior.first, form.draw(own, links)) for form, own in zip(system.forms, noise)]
+    return _added(right, parts)
 
-    @dr.freeze
-    def begin(system, right):
-        z = triangles.solve(system["lower"], system["pivot"], right)
-        return z, dr.sum(sum(r * s for r, s in zip(right, z)))
 
-    @dr.freeze(state_fn=lambda *_: (grid.index, grid.exists))
-    def step(system, x, r, p, rho):
-        n_band = len(system["precision"]) if "precision" in system else 0
-        normal = []
-        if "jacobian" in system:
-            xx, xy, yy = system["jacobian"]
-            normal = [xx * p[0] + xy * p[1], xy * p[0] + yy * p[1]]
-            dr.eval(normal)
-        prior = _prior_product(p, normal, system, grid, n_band)
-        q = [a + b for a, b in zip(triangles.multiply(system["matrix"], p), prior)]
-        curvature = dr.sum(sum(a * b for a, b in zip(p, q)))
-        dr.eval(q, curvature)
-        alpha = rho / dr.maximum(curvature, 1e-30)
-        x = [a + alpha * b for a, b in zip(x, p)]
-        r = [a - alpha * b for a, b in zip(r, q)]
-        z = triangles.solve(system["lower"], system["pivot"], r)
-        new_rho = dr.sum(sum(a * b for a, b in zip(r, z)))
-        dr.eval(x, r, z, new_rho)
-        beta = new_rho / dr.maximum(rho, 1e-30)
-        p = [a + beta * b for a, b in zip(z, p)]
-        return x, r, p, new_rho
+# ---------------------------------------------------------------------- conjugate gradients
 
-    def solve(system, right):
-        system = {k: v for k, v in system.items() if k != "inverse"}
-        r = list(right)
-        dr.eval(r)
-        p, rho = begin(system, r)
-        first = float(rho[0])
-        x = [dr.zeros(type(v), dr.width(v)) for v in r]
-        dr.make_opaque(x)
-        for i in range(MOST_STEPS):
-            x, r, p, rho = step(system, x, r, p, rho)
-            dr.eval(x, r, p, rho)
-            if i % LOOK == LOOK - 1 and float(rho[0]) <= TOLERANCE**2 * first:
-                break
-        return x
 
-    return solve
+@dr.freeze(warn_after=100)
+def _begin(system: System, right: list):
+    z = triangles.solve(system.lower, system.pivot, right)
+    return z, dr.sum(sum(r * s for r, s in zip(right, z)))
+
+
+@dr.freeze(warn_after=100)
+def _step(system: System, links: Links, x: list, r: list, p: list, rho):
+    products = [
+        (f.learnt.prior.first, f.product(p[f.learnt.prior.first : f.learnt.prior.last], links))
+        for f in system.forms
+    ]
+    q = _added(triangles.multiply(system.matrix, p), products)
+    curvature = dr.sum(sum(a * b for a, b in zip(p, q)))
+    dr.eval(q, curvature)
+    alpha = rho / dr.maximum(curvature, 1e-30)
+    x = [a + alpha * b for a, b in zip(x, p)]
+    r = [a - alpha * b for a, b in zip(r, q)]
+    z = triangles.solve(system.lower, system.pivot, r)
+    new_rho = dr.sum(sum(a * b for a, b in zip(r, z)))
+    dr.eval(x, r, z, new_rho)
+    beta = new_rho / dr.maximum(rho, 1e-30)
+    p = [a + beta * b for a, b in zip(z, p)]
+    return x, r, p, new_rho
+
+
+def solve(system: System, right: list, links: Links) -> list:
+    """Solve by conjugate gradients, preconditioned pixel by pixel."""
+    r = list(right)
+    p, rho = _begin(system, r)
+    first = float(rho[0])
+    x = [dr.zeros(type(v), dr.width(v)) for v in r]
+    dr.make_opaque(x)
+    for i in range(MOST_STEPS):
+        x, r, p, rho = _step(system, links, x, r, p, rho)
+        if i % LOOK == LOOK - 1 and float(rho[0]) <= TOLERANCE**2 * first:
+            break
+    return x

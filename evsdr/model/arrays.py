@@ -1,0 +1,33 @@
+"""Arrays of Dr.Jit made from those of NumPy."""
+
+import drjit as dr
+import numpy as np
+
+
+def owned(kind: type, values: np.ndarray):
+    """Copy NumPy values into memory of Dr.Jit's own.
+
+    `kind(values)` maps NumPy's memory, which may be aligned or not; Dr.Jit compiles a kernel, and records a frozen
+    function, for either case.
+
+    Parameters
+    ----------
+    kind : type
+        Dr.Jit type, such as Float.
+    values : (n,) array
+        Cast to the type's own.
+
+    Returns
+    -------
+    kind, (n)
+        Evaluated.
+    """
+    number = np.uint32 if kind is dr.uint32_array_t(kind) else np.float32
+    out = kind(np.ascontiguousarray(values, number)) + dr.opaque(kind, 0)
+    dr.eval(out)
+    return out
+
+
+def columns(kind: type, values: np.ndarray) -> list:
+    """Copy the columns of an array (n, m) into m arrays of width n."""
+    return [owned(kind, column) for column in values.T]

@@ -1,0 +1,166 @@
+"""What a solve is given, what its stages hand on, and what comes of it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from evsdr.solve.grid import Grid
+from evsdr.solve.pair_data import PairData
+from evsdr.solve.unknowns import Unknowns
+
+SETTLED, STEPS_USED_UP, NO_INFORMATION = "settled", "steps used up", "no information"
+
+
+@dataclass(frozen=True)
+class Data:
+    """What is given, and stays as it is while stages run.
+
+    Attributes
+    ----------
+    model : callable (p, q, reflectance, softness) -> (signal, by_p, by_q[, diffuse])
+        Forward model, such as `LambertianRing` or `GlossyRing`: a PyTree of Dr.Jit arrays with the bands of the LEDs
+        in `illumination.band`; gives lists over LEDs. `diffuse` is the part of the signal that scales with the
+        reflectance, all by default.
+    pairs : PairData
+        Event pairs.
+    constant_light : Float
+        C_w, above 0.
+    grid : Grid
+        Neighbours of each pixel.
+    robust : float
+        Width of the Cauchy cost in standard deviations.
+    room : Float
+        See `pair_data.room_for`.
+    """
+
+    model: object
+    pairs: PairData
+    constant_light: object
+    grid: Grid
+    robust: float
+    room: object
+
+    def unknowns(self, theta: list) -> Unknowns:
+        """Tell what the unknowns mean."""
+        n_band = self.model.illumination.n_band
+        return Unknowns(n_band, len(theta) > 2 + n_band)
+
+
+@dataclass(frozen=True)
+class State:
+    """What stages hand on; each gives a new one.
+
+    Attributes
+    ----------
+    theta : list of Float, (n_unknown)
+        See `unknowns`.
+    spread : list of Float
+        How the logarithms of the thresholds' factors are distributed over the pixels: two centres, two standard
+        deviations, of width 1; empty where thresholds are known.
+    terms : list of Float, optional
+        Cost, gradient and lower triangle of the Gauss-Newton matrix at theta.
+    pairs : PairData, optional
+        The pairs that count so far.
+    noise : float
+        Standard deviation of the relative residual in most pixels.
+    noise_factor : (n_pixel,) float32, optional
+        How much larger it is in each pixel.
+    softness : Float
+        Of the horizon, of width 1 or n_pixel.
+    curved : bool
+        Whether it follows the surface's curvature.
+    covariance : (n_pixel, n_unknown, n_unknown) float64, optional
+    prior_scale : dict
+        Scales of the priors that counted.
+    n_step : int
+        Steps made so far.
+    open : float
+        Share of the pixels whose cost still fell in the last step.
+    """
+
+    theta: list
+    spread: list = field(default_factory=list)
+    terms: list | None = None
+    pairs: PairData | None = None
+    noise: float = 0.5
+    noise_factor: np.ndarray | None = None
+    softness: object = None
+    curved: bool = False
+    covariance: np.ndarray | None = None
+    prior_scale: dict = field(default_factory=dict)
+    n_step: int = 0
+    open: float = 0.0
+
+
+@dataclass(frozen=True)
+class Passed:
+    """A stage that has run.
+
+    Attributes
+    ----------
+    stage : str
+        Its name.
+    steps : int
+    mean_cost : float
+        Of all pixels, after it.
+    open : float
+        Share of the pixels whose cost still fell by more than the tolerance in its last step.
+    seconds : float
+    """
+
+    stage: str
+    steps: int
+    mean_cost: float
+    open: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What the solver found.
+
+    Attributes
+    ----------
+    theta : (n_pixel, 2 + n_band) float32
+        Slopes and log reflectances.
+    covariance : (n_pixel, 2 + n_band, 2 + n_band) float64
+        Of these.
+    cost : (n_pixel,) float32
+        Robust cost of the single pixel, weak prior included.
+    noise : float
+        Standard deviation of the relative residual in most pixels, measured.
+    noise_factor : (n_pixel,) float32
+        How much larger it is in each pixel; `noise.IGNORED` where the model explains little.
+    n_step : int
+        Steps made.
+    result : str
+        `settled`, `steps used up`, or `no information`.
+    history : tuple of Passed
+        The stages that ran.
+    threshold_gain, threshold_gain_sigma : (n_pixel, 2) float32, optional
+        Estimated factors on the told C_on and C_off, and one standard deviation of each, relative.
+    threshold_prior : tuple of 4 float, optional
+        How the logarithms of the factors are distributed over the pixels: two centres, two standard deviations.
+    prior_scale : dict
+        Scales of the priors that counted, see `neighbours.posterior.Posterior`.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    cost: np.ndarray
+    noise: float
+    noise_factor: np.ndarray
+    n_step: int
+    result: str = SETTLED
+    history: tuple[Passed, ...] = ()
+    threshold_gain: np.ndarray | None = None
+    threshold_gain_sigma: np.ndarray | None = None
+    threshold_prior: tuple | None = None
+    prior_scale: dict = field(default_factory=dict)
+
+    @property
+    def all_theta(self) -> np.ndarray:
+        """All unknowns (n_pixel, n_unknown), those of thresholds too."""
+        if self.threshold_gain is None:
+            return self.theta
+        return np.column_stack([self.theta, np.log(self.threshold_gain)])

@@ -1,0 +1,32 @@
+"""Arrays of NumPy in Dr.Jit's own memory."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from evsdr.model.arrays import columns, owned
+
+
+def test_values_are_copied():
+    """What changes later does not reach the array; memory that is not aligned is no matter."""
+    values = np.arange(40, dtype=np.float32)[1:9]
+    array = owned(mi.Float, values)
+    values[:] = -1
+    np.testing.assert_array_equal(array, np.arange(1, 9))
+
+
+def test_kinds():
+    assert owned(mi.UInt32, np.array([True, False])).numpy().tolist() == [1, 0]
+    assert owned(mi.UInt32, np.array([2**32 - 1])).numpy().tolist() == [2**32 - 1]
+    assert [c.numpy().tolist() for c in columns(mi.Float, np.array([[1, 2], [3, 4]]))] == [[1, 3], [2, 4]]
+
+
+def test_frozen_functions_are_recorded_once_for_any_memory():
+    @dr.freeze
+    def double(x):
+        return 2 * x
+
+    whole = np.arange(100, dtype=np.float32)
+    for first in range(5):
+        np.testing.assert_array_equal(double(owned(mi.Float, whole[first:])), 2 * whole[first:])
+    assert double.n_recordings == 1

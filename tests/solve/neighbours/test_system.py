@@ -1,0 +1,120 @@
+"""The joint system of all pixels against dense matrices put together by plain NumPy."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from evsdr.model.arrays import owned
+from evsdr.solve import grid as g
+from evsdr.solve.neighbours.priors import Form, Learnt, integrable, smooth_normals, smooth_reflectance
+from evsdr.solve.neighbours.system import System, draw, make_system, right_side, solve
+from tests.support.stencil_matrix import MASK, matrix_of
+
+N_BAND = 3
+N = 2 + N_BAND
+
+
+def arrays(values):
+    return [owned(mi.Float, v) for v in values]
+
+
+@pytest.fixture
+def system(rng):
+    """A linear system of 9 pixels, as arrays and as a dense matrix put together by plain NumPy."""
+    n_pixel, links = MASK.sum(), g.make_grid(MASK, mi.UInt32).links
+    theta = arrays(rng.normal(0, 0.7, (N, n_pixel)))
+    root = rng.normal(size=(n_pixel, N, N))
+    data = root @ np.swapaxes(root, 1, 2) + np.eye(N)
+    rows, columns = np.tril_indices(N)
+    scatter = {"normal": np.array([[0.3, 0.1], [0.1, 0.2]]), "integrable": np.array([[0.5]])}
+    scatter["reflectance"] = np.cov(rng.normal(size=(N_BAND, 9)))
+    weights = {}
+    for part, stencils in (
+        ("normal", (g.SECOND_X, g.SECOND_Y)),
+        ("reflectance", (g.SECOND_X, g.SECOND_Y)),
+        ("integrable", (g.SQUARE_MEAN,)),
+    ):
+        valid = [s.valid(links).numpy() for s in stencils]
+        weights[part] = arrays([np.where(v, rng.uniform(0.5, 2, n_pixel), 0) for v in valid])
+    dense = np.zeros((n_pixel, N, n_pixel, N))
+    own = np.arange(n_pixel)
+    dense[own, :, own, :] = data
+    p, q = (t.numpy().astype(float) for t in theta[:2])
+    length = np.sqrt(1 + p**2 + q**2)
+    turn = np.array(
+        [
+            [p**2 / length**3 - 1 / length, p * q / length**3],
+            [p * q / length**3, q**2 / length**3 - 1 / length],
+        ]
+    )
+    for part in ("normal", "reflectance"):
+        precision, first = np.linalg.inv(scatter[part]), 0 if part == "normal" else 2
+        for stencil, weight in zip((g.SECOND_X, g.SECOND_Y), weights[part]):
+            s = matrix_of(stencil)
+            between = np.einsum("zx,z,zy->xy", s, weight.numpy(), s)
+            block = np.einsum("xy,ij->xiyj", between, precision)
+            if part == "normal":
+                block = np.einsum("kix,xkyl,ljy->xiyj", turn, block, turn)
+            last = first + len(precision)
+            dense[:, first:last, :, first:last] += block
+    steep = matrix_of(g.SQUARE_MEAN) @ (1 / length**2)
+    around = np.stack([matrix_of(g.AROUND_P), matrix_of(g.AROUND_Q)], axis=-1) * steep[:, None, None]
+    dense[:, :2, :, :2] += np.einsum(
+        "zxi,z,zyj->xiyj", around, weights["integrable"][0].numpy() / 0.5, around
+    )
+    priors = {prior.name: prior for prior in (smooth_normals(), integrable(), smooth_reflectance(N_BAND))}
+    forms = []
+    for name, prior in priors.items():
+        flat = [prior.factor(theta, links)] * len(weights[name])
+        squared = [w * f * f for w, f in zip(weights[name], flat)]
+        dr.eval(squared)
+        learnt = Learnt.of(prior, scatter[name], mi.Float)
+        forms.append(Form(learnt, squared, prior.jacobian(theta)))
+    nothing = dr.zeros(mi.Float, n_pixel)
+    dr.make_opaque(nothing)
+    matrix, lower, pivot, _ = make_system(forms, arrays(data[:, rows, columns].T), nothing, links)
+    return System(matrix, forms, lower, pivot), links, dense.reshape(n_pixel * N, n_pixel * N)
+
+
+def test_the_joint_system_is_that_of_dense_matrices(system, rng):
+    """Conjugate gradients on stencils give what a dense solver gives."""
+    made, links, dense = system
+    right = rng.normal(size=(len(MASK[MASK]), N))
+    x = solve(made, arrays(right.T), links)
+    expected = np.linalg.solve(dense, right.ravel()).reshape(right.shape)
+    np.testing.assert_allclose(
+        np.array([v.numpy() for v in x]).T, expected, atol=0.02 * np.abs(expected).max()
+    )
+
+
+def test_draws_scatter_as_the_inverse_of_the_matrix(system):
+    made, links, dense = system
+    rng, draws = np.random.default_rng(0), []
+    for _ in range(600):
+        x = solve(made, draw(rng, made, links), links)
+        draws.append(np.array([v.numpy() for v in x]).T.ravel())
+    ratio = np.mean(np.square(draws), axis=0) / np.diagonal(np.linalg.inv(dense))
+    assert ratio.mean() == pytest.approx(1, abs=0.03)
+    assert ratio.min() > 0.75 and ratio.max() < 1.3
+
+
+def test_the_right_side_holds_the_pull_of_the_priors(rng):
+    """Its derivative along any change is minus that of the priors' cost, with the weights held."""
+    links, prior = g.make_grid(MASK, mi.UInt32).links, smooth_reflectance(N_BAND)
+    theta = rng.normal(0, 0.7, (N, MASK.sum()))
+    spread = np.cov(rng.normal(size=(N_BAND, 9)))
+    weights = [np.where(s.valid(links).numpy(), 1.5, 0) for s in (g.SECOND_X, g.SECOND_Y)]
+    form = Form(Learnt.of(prior, spread, mi.Float), arrays(weights), None)
+
+    def cost(theta):
+        z = [matrix_of(s) @ theta[2:].T for s in (g.SECOND_X, g.SECOND_Y)]
+        inverse = np.linalg.inv(spread)
+        return sum(0.5 * np.sum(w * np.einsum("xi,ij,xj->x", v, inverse, v)) for w, v in zip(weights, z))
+
+    gradient = arrays(np.zeros((N, MASK.sum())))
+    found = np.array([v.numpy() for v in right_side([form], arrays(theta), gradient, links)])
+    for _ in range(5):
+        change = rng.normal(size=theta.shape)
+        numeric = (cost(theta + 1e-4 * change) - cost(theta - 1e-4 * change)) / 2e-4
+        assert np.sum(-found * change) == pytest.approx(numeric, rel=1e-3)

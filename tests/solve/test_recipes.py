@@ -1,0 +1,40 @@
+"""Recipes: what each purpose goes through."""
+
+import pytest
+
+from evsdr.solve import recipes
+from evsdr.solve.neighbours.posterior import Priors
+from evsdr.solve.recipes import Effort
+from evsdr.solve.stages import HearAll, Neighbours, PixelNoise
+
+ALL = (
+    recipes.whole,
+    recipes.after_light,
+    recipes.after_events,
+    recipes.after_model,
+    recipes.quick,
+    recipes.neighbours,
+)
+
+
+@pytest.mark.parametrize("recipe", ALL)
+def test_recipes_end_by_saying_how_well_pixels_are_known(recipe):
+    """On all events, with one tolerance."""
+    stages = recipe(Effort().at(0.3))
+    assert isinstance(stages[-2], PixelNoise) and isinstance(stages[-1], Neighbours)
+    assert sum(isinstance(stage, HearAll) for stage in stages) == 1
+    assert {stage.tolerance for stage in stages if hasattr(stage, "tolerance")} == {0.3}
+
+
+def test_the_search_hardens_its_horizon():
+    softness = [stage.softness for stage in recipes.whole(Effort())[:4]]
+    assert softness == sorted(softness, reverse=True)
+
+
+def test_tolerance_reaches_the_priors():
+    assert Effort(priors=Priors(n_round=3)).at(0.5).priors == Priors(n_round=3, tolerance=0.5)
+    assert recipes.alone(Effort()).at(0.5).priors is None
+
+
+def test_unknown_thresholds_widen_the_cost():
+    assert Effort(robust=1.0).width(True) == 1.5 * Effort(robust=1.0).width(False)

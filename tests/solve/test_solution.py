@@ -1,0 +1,16 @@
+"""What a solve hands over."""
+
+import numpy as np
+
+from evsdr.solve.solution import Solution
+
+
+def solution(**more):
+    theta = np.arange(6.0).reshape(2, 3)
+    return Solution(theta, np.zeros((2, 3, 3)), np.zeros(2), 0.1, np.ones(2), 5, **more)
+
+
+def test_all_unknowns_hold_those_of_thresholds():
+    assert solution().all_theta is solution().theta or (solution().all_theta == solution().theta).all()
+    found = solution(threshold_gain=np.array([[1.0, 2.0], [3.0, 4.0]])).all_theta
+    np.testing.assert_allclose(found[:, 3:], np.log([[1, 2], [3, 4]]))
