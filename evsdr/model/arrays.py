@@ -20,9 +20,10 @@ def owned(kind: type, values: np.ndarray):
     Returns
     -------
     kind, (n)
-        Evaluated.
+        Evaluated. Of no values one zero is made, as kernels take no empty array.
     """
     number = np.uint32 if kind is dr.uint32_array_t(kind) else np.float32
+    values = values if len(values) else np.zeros(1)
     out = kind(np.ascontiguousarray(values, number)) + dr.opaque(kind, 0)
     dr.eval(out)
     return out

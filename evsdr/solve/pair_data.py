@@ -87,7 +87,8 @@ def _choose(pairs: PairData, kept: Callable) -> PairData:
         k = np.repeat(first[:-1], some) + within * np.repeat(count, some) // np.maximum(
             np.repeat(some, some), 1
         )
-        chosen = (owned(type(v), v.numpy().reshape(first[-1], -1)[k].ravel()) for v in lists)
+        n = max(first[-1], 1)
+        chosen = (owned(type(v), v.numpy().reshape(n, -1)[k].ravel()) for v in lists)
         return owned(type(offset), new), *chosen
 
     offset, phases = part(pairs.offset, pairs.phases)

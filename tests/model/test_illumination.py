@@ -66,7 +66,9 @@ def test_the_pixel_horizon_knows_how_fast_normals_turn(rng):
             if ends:
                 first, last = ends if len(ends) == 2 else (ends[0], (row, column))
                 square[row, column] += np.sum((normal[last] - normal[first]) ** 2) / len(ends) ** 2
-    found = pixel_horizon(*(mi.Float(s[mask].astype(np.float32)) for s in slopes), make_grid(mask, mi.UInt32))
+    found = pixel_horizon(
+        *(mi.Float(s[mask].astype(np.float32)) for s in slopes), make_grid(mask, mi.UInt32).links
+    )
     np.testing.assert_allclose(found.numpy(), OF_SPREAD * np.sqrt(square[mask] / 24), atol=1e-5)
     assert found.numpy()[-1] == 0 and OF_SPREAD == pytest.approx(2 / np.sqrt(2 * np.pi), rel=0.01)
 

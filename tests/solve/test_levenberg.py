@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 
 from evsdr.metrics import angular_error_deg
-from evsdr.model.illumination import HARD
 from evsdr.solve import recipes
-from evsdr.solve.stages import Descend, HearAll, Starts
 from evsdr.solve.unknowns import normal_sigma_deg, to_theta
 from tests.support.sphere import ALONE, PAIRS_ALONE, SPECTRUM, errors, solve, sphere_problem
 
@@ -86,15 +84,6 @@ def test_a_fixed_pattern_of_thresholds_is_found(rng):
     angle, _ = errors(solution, truth)
     ignorant, _ = errors(solve(unknown), truth)
     assert angle.mean() < 0.8 * ignorant.mean()
-
-
-def test_the_hard_horizon_alone_gets_stuck_and_other_starts_free_it():
-    problem, truth = sphere_problem(32, event_noise=0.1)
-    hard, know = Descend(20, 0.01, HARD, 0.3), (HearAll(), Descend(20, 0.01, fine=True), *recipes.know(ALONE))
-    direct = solve(problem, recipe=(hard, *know))
-    freed = solve(problem, recipe=(hard, Starts(4, 3, 0.01), *know))
-    assert np.mean(freed.cost) < np.mean(direct.cost) - 1
-    assert errors(freed, truth)[0].mean() < errors(direct, truth)[0].mean()
 
 
 def test_sigma_of_slopes_is_the_angle_that_sampling_shows(rng):

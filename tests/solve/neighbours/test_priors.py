@@ -41,9 +41,7 @@ def test_differences_and_their_transpose(prior, rng):
             where = np.abs(sum(np.abs(matrix_of(s)).sum(axis=1) for s in component.values())) > 0
             weights[-1].append(owned(mi.Float, np.where(where, rng.normal(size=MASK.sum()), 0)))
     back = np.array([numpy(v) for v in prior.adjoint(weights, links)])
-    product = sum(
-        numpy(w) @ numpy(v) for row, values in zip(weights, z) for w, v in zip(row, values)
-    )
+    product = sum(numpy(w) @ numpy(v) for row, values in zip(weights, z) for w, v in zip(row, values))
     assert np.sum(back * q) == pytest.approx(product, rel=1e-4)
 
 
