@@ -1,8 +1,22 @@
-"""A guard for Dr.Jit's frozen functions."""
+"""Dr.Jit's frozen functions, and a guard for them."""
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+import drjit as dr
+
+RECORDINGS = 64  # of a function, for scenes of different build: more are dropped, the oldest first
+
+
+def recorded(function: Callable) -> Callable:
+    """Freeze a function of PyTrees: its kernels are recorded once for each build of its arguments.
+
+    Sizes may change from call to call, as long as no array is made in it whose size is not that of an argument:
+    Dr.Jit 1.5 would replay the size. Numbers of Python are part of the build; what changes from recording to
+    recording must be an array.
+    """
+    return dr.freeze(limit=RECORDINGS, warn_after=2**31 - 1)(function)
 
 
 @contextmanager

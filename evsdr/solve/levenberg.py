@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import drjit as dr
 
+from evsdr.frozen import recorded
 from evsdr.model.illumination import pixel_horizon
 from evsdr.solve import triangles
 from evsdr.solve.loss import Loss, pixel_terms
@@ -72,7 +73,7 @@ def system_of(data: Data, state: State, loss: Loss, noise=None) -> System:
     )
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def evaluate(system: System, theta: list) -> list:
     """Give cost, gradient and lower triangle of the Gauss-Newton matrix, weak prior included."""
     return _terms(system, theta)
@@ -88,7 +89,7 @@ def _terms(system: System, theta: list) -> list:
     return [cost, *gradient, *matrix]
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def step(system: System, theta: list, terms: list, damping, tolerance):
     """Make one step; each pixel keeps what lowers its own cost.
 
@@ -114,7 +115,7 @@ def step(system: System, theta: list, terms: list, damping, tolerance):
     return theta, terms, damping, gaining
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def keep_better(theta: list, terms: list, candidate: list, candidate_terms: list):
     """Give each pixel the solution of smaller cost."""
     better = candidate_terms[0] < terms[0]
@@ -122,13 +123,13 @@ def keep_better(theta: list, terms: list, candidate: list, candidate_terms: list
     return theta, [dr.select(better, new, old) for new, old in zip(candidate_terms, terms)]
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def gather(theta: list, index) -> list:
     """Give each pixel the unknowns of another."""
     return [dr.gather(type(t), t, index) for t in theta]
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def horizon(theta: list, links, hard):
     """Give each pixel's softness (see `lambert.soft_max0`): as its surface is curved within it."""
     return dr.sqrt(dr.square(pixel_horizon(theta[0], theta[1], links)) + hard * hard)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import numpy as np
 
+from evsdr.frozen import recorded
 from evsdr.model.arrays import owned
 from evsdr.solve.levenberg import system_of
 from evsdr.solve.loss import Loss, relative_residual, scaled, system_table
@@ -41,7 +42,7 @@ class Scatter:
         return float(np.clip(np.median(self.value), *NOISE_RANGE)) if len(self.pixel) else NOISE_RANGE[1]
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def _residuals(system, theta: list, pixel, shown):
     """|u| of some pairs, each of the pixel told."""
     table = system_table(system, theta)

@@ -20,6 +20,7 @@ import drjit as dr
 import numpy as np
 from scipy import ndimage
 
+from evsdr.frozen import recorded
 from evsdr.solve import triangles
 from evsdr.solve.grid import Grid, Links
 from evsdr.solve.neighbours import system as joint
@@ -161,7 +162,7 @@ def _chosen(priors: Priors, unknowns: Unknowns) -> list[Prior]:
     return [prior for prior in all_of_them if prior.name in priors.parts]
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def _move(theta: list, step: list, right: list):
     """Limit a step; gives it, where it leads, and what the posterior should gain by it."""
     move = [dr.clip(s, -LARGEST_MOVE, LARGEST_MOVE) for s in step]
@@ -169,7 +170,7 @@ def _move(theta: list, step: list, right: list):
     return move, [t + m for t, m in zip(theta, move)], gain
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def _accept(theta: list, data: tuple, damping, move: list, trial: list, new: tuple):
     """Take a step where the data's cost does not rise by much more than expected; damp the others."""
     curved = triangles.multiply(data[2], move)
@@ -183,7 +184,7 @@ def _accept(theta: list, data: tuple, damping, move: list, trial: list, new: tup
     return theta, (cost, *rest), damping
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def _invert(triangle: list) -> list:
     return triangles.invert(*triangles.factor(triangle))
 
@@ -240,7 +241,7 @@ def differences(prior: Prior, theta: list, inverse: list, links: Links, sample: 
     return np.concatenate(z), np.concatenate(noise)
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def _differences(prior: Prior, theta: list, inverse: list, links: Links):
     values = prior.values(prior.quantities(theta), links)
     return (values, prior.factor(theta, links), prior.covariance(theta, inverse)), prior.valid(links)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
+from evsdr.frozen import recorded
 from evsdr.model.arrays import owned
 from evsdr.solve import triangles
 from evsdr.solve.grid import Links
@@ -35,7 +36,7 @@ class System:
     pivot: list
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def weigh(learnt: list[Learnt], theta: list, inverse: list, links: Links) -> list[Form]:
     """Give the quadratic forms of priors around some unknowns.
 
@@ -49,7 +50,7 @@ def weigh(learnt: list[Learnt], theta: list, inverse: list, links: Links) -> lis
     ]
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def make_system(forms: list[Form], matrix: list, damping, links: Links):
     """Damp the pixels' matrices and factor the diagonal blocks; gives damped matrices, factors, and inverse blocks."""
     n = int((8 * len(matrix) + 1) ** 0.5) // 2
@@ -67,7 +68,7 @@ def make_system(forms: list[Form], matrix: list, damping, links: Links):
     return matrix, lower, pivot, triangles.invert(lower, pivot)
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def add_spectra(spectra: LearntSpectra, theta: list, gradient: list, matrix: list, inverse: list):
     """Add the prior on spectra to gradient and matrix."""
     gradient, matrix, n_band = list(gradient), list(matrix), len(spectra.mean)
@@ -95,7 +96,7 @@ def _added(v: list, parts: list[tuple[int, list]]) -> list:
     return out
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def right_side(forms: list[Form], theta: list, gradient: list, links: Links) -> list:
     """Give minus the gradient, with the pull of the priors."""
     pulls = [
@@ -115,7 +116,7 @@ def draw(rng: np.random.Generator, system: System, links: Links) -> list:
     return _coloured(system, white(len(system.pivot)), noise, links)
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def _coloured(system: System, white: list, noise: list, links: Links) -> list:
     right = triangles.color(*triangles.factor(system.matrix), white)
     parts = [(form.learnt.prior.first, form.draw(own, links)) for form, own in zip(system.forms, noise)]
@@ -125,13 +126,13 @@ def _coloured(system: System, white: list, noise: list, links: Links) -> list:
 # ---------------------------------------------------------------------- conjugate gradients
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def _begin(system: System, right: list):
     z = triangles.solve(system.lower, system.pivot, right)
     return z, dr.sum(sum(r * s for r, s in zip(right, z)))
 
 
-@dr.freeze(warn_after=100)
+@recorded
 def _step(system: System, links: Links, x: list, r: list, p: list, rho):
     products = [
         (f.learnt.prior.first, f.product(p[f.learnt.prior.first : f.learnt.prior.last], links))
