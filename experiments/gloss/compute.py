@@ -1,4 +1,4 @@
-"""A glossy sphere: what gloss costs, and what robust weights, the angular gate and a modelled lobe save."""
+"""A glossy sphere: what gloss costs, and what robust weights and a modelled lobe save."""
 
 import time
 import warnings
@@ -89,7 +89,6 @@ KNOWN = Settings(thresholds="known", refractory="known", lag="off")  # what else
 METHODS = {
     "robust, width 2 (default)": replace(KNOWN, gloss="off"),
     "robust, width 1": replace(KNOWN, gloss="off", shadows="downweight"),
-    "angular gate": replace(KNOWN, gloss="gate"),
     "lobe found": KNOWN,
     "lobe found, blinn-phong": replace(KNOWN, gloss="blinn-phong"),
 }
