@@ -15,6 +15,7 @@ from evsdr.fitting.entrance import Fit, collected_warnings, fit, load_scene, sta
 from evsdr.fitting.settings import PRIORS, Settings, check_priors
 from evsdr.metrics import score
 from evsdr.progress import Stages
+from evsdr.solve.tuning import Tuning
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Options(Settings, Files):
     priors: str = ",".join(PRIORS)
     """What pixels tell of each other, or none: smooth normals, slopes of one surface, smooth reflectance, spectra
     of few kinds. Edges stay, and the data decide how strong each is."""
+    tuning: tyro.conf.Suppress[Tuning] = Tuning()
     mask: Path | None = None
     """Image (PNG or .npy) whose non-zero pixels are solved."""
     define: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction] = field(

@@ -115,7 +115,11 @@ def solve(
         start = start_of(data, theta, effort.n_heard)
     else:
         start = resume(data, before.solution, effort.n_heard)
-    return run(data, RECIPES[purpose](effort), start, progress)
+    solution = run(data, RECIPES[purpose](effort), start, progress)
+    if before is None:
+        return solution
+    history = before.solution.history + solution.history
+    return replace(solution, n_step=before.solution.n_step + solution.n_step, history=history)
 
 
 def solve_as_published(problem: Problem, start_normal: np.ndarray, settings: Settings, progress) -> tuple:
@@ -152,5 +156,6 @@ def choose_effort(settings: Settings) -> recipes.Effort:
     effort, parts = PRESETS[settings.preset].effort, settings.priors
     if settings.tolerance is not None:
         effort = effort.at(settings.tolerance)
-    effort = replace(effort, priors=replace(effort.priors, parts=parts) if parts else None)
+    priors = replace(effort.priors, parts=parts) if parts else None
+    effort = replace(effort, priors=priors, tuning=settings.tuning)
     return replace(effort, robust=DOWNWEIGHT_ROBUST) if settings.shadows == "downweight" else effort

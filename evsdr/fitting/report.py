@@ -1,7 +1,7 @@
 """What a fit says of itself: warnings, and what it modelled, left out, and why."""
 
 import warnings
-from dataclasses import fields
+from dataclasses import asdict, fields
 
 import numpy as np
 
@@ -105,6 +105,10 @@ def summarise(world: World, settings: Settings, fitted: Fitted, notes: dict) -> 
         },
         "sensor": threshold_summary(world.recording, fitted) | found,
         "residual": {"relative_threshold_noise": solution.noise},
+        "convergence": {
+            "result": solution.result,
+            "history": [asdict(passed) for passed in solution.history],
+        },
     }
 
 

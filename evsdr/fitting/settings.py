@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args, get_origin, get_type_hints
 
 from evsdr.errors import InputError, check_range
+from evsdr.solve.tuning import Tuning
 
 PRIORS = ("normal", "integrable", "reflectance", "spectra")
 
@@ -45,6 +46,8 @@ class Settings:
     """Mean error of the normals [deg] from which auto models an effect."""
     tolerance: float | None = None
     """Gain in log likelihood of a pixel that is worth a step of the solver; by default that of the preset."""
+    tuning: Tuning = Tuning()
+    """Numbers of the solver."""
 
 
 def check_settings(settings: Settings) -> None:

@@ -11,13 +11,14 @@ from evsdr.solve.levenberg import system_of
 from evsdr.solve.loss import Loss, relative_residual, scaled, system_table
 from evsdr.solve.pair_data import PairData
 from evsdr.solve.solution import Data, State
+from evsdr.solve.tuning import Tuning
 
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual
 N_SHOWN = 32  # pairs of a pixel that show its noise
 MOST_FREEDOM = 2.0  # largest factor for the unknowns that pairs have been fitted with
 MEDIAN_TO_SIGMA = 1.4826  # of |x| for Gaussian x
-# Noise of a pixel, relative to most, that the model doesn't explain; what it gets then
-MISFIT, IGNORED = 3.0, 100.0
+MOST = 10.0  # times the noise of most pixels
+IGNORED = 100.0  # noise factor of pixels whose events contradict the model
 
 
 @dataclass(frozen=True)
@@ -73,11 +74,16 @@ def measured(data: Data, state: State) -> State:
     return replace(state, noise=scatter_of(data, state).of_most())
 
 
-def noise_factors(scatter: Scatter, noise: float, n_pixel: int, n_unknown: int) -> np.ndarray:
-    """Say how much noisier each pixel is than most, at least 1; what its own few pairs say is shrunk toward 1."""
-    own = np.minimum(scatter.value / noise, 10)
+def noise_factors(
+    scatter: Scatter, noise: float, n_pixel: int, n_unknown: int, misfit: float = Tuning.misfit
+) -> np.ndarray:
+    """Say how much noisier each pixel is than most, at least 1; what its own few pairs say is shrunk toward 1.
+
+    From `misfit` on, with more pairs than unknowns, it is `IGNORED`.
+    """
+    own = np.minimum(scatter.value / noise, MOST)
     weight = np.minimum(scatter.count, N_SHOWN)
     factor = np.ones(n_pixel, np.float32)
     factor[scatter.pixel] = np.maximum((N_SHOWN + weight * own) / (N_SHOWN + weight), 1)
-    factor[scatter.pixel[(own > MISFIT) & (scatter.count > n_unknown)]] = IGNORED
+    factor[scatter.pixel[(own > misfit) & (scatter.count > n_unknown)]] = IGNORED
     return factor

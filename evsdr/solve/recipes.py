@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 
 from evsdr.solve.neighbours.posterior import Priors
 from evsdr.solve.stages import (
+    ALL_TERMS,
+    PAIRS,
     Descend,
     HearAll,
     Neighbours,
@@ -12,11 +14,13 @@ from evsdr.solve.stages import (
     SoftHorizon,
     Stage,
     Starts,
+    Terms,
     ThresholdSpread,
 )
+from evsdr.solve.tuning import Tuning
 
 MOST = 30  # steps of a descent: those that have not settled then never will
-WIDER = 1.5  # width of the Cauchy cost where thresholds are unknown: the tails of the residuals tell of them
+FIRST_NOISE = 0.5  # of the relative residual, before anything is known
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,7 @@ class Effort:
         Width of the Cauchy cost in standard deviations, where thresholds are known.
     priors : Priors, optional
         What pixels tell of each other; None leaves each alone.
+    tuning : Tuning
     """
 
     tolerance: float = 0.1
@@ -42,6 +47,7 @@ class Effort:
     n_most: int | None = None
     robust: float = 2.0
     priors: Priors | None = Priors()
+    tuning: Tuning = Tuning()
 
     def at(self, tolerance: float) -> "Effort":
         """Try as hard as a tolerance asks."""
@@ -50,46 +56,50 @@ class Effort:
 
     def width(self, thresholds: bool) -> float:
         """Give the width of the Cauchy cost, with thresholds unknown or not."""
-        return self.robust * (WIDER if thresholds else 1)
+        return self.robust * (self.tuning.wider if thresholds else 1)
 
 
 def whole(effort: Effort) -> tuple[Stage, ...]:
-    """Start from nothing: search under a soft horizon that hardens, then as `again`."""
-    tolerance = effort.tolerance
+    """Start from nothing: search under a soft horizon that hardens, then as `after_light`."""
     search = tuple(
-        Descend(n_step, tolerance, softness, noise)
-        for softness, noise, n_step in (
-            (0.3, 0.5, MOST),
-            (0.1, None, MOST),
-            (0.03, None, MOST),
-            (0.01, None, MOST),
-        )
+        Descend(MOST, effort.tolerance, softness, None if k else FIRST_NOISE)
+        for k, softness in enumerate(effort.tuning.softness)
     )
     return search + after_light(effort)
 
 
 def after_light(effort: Effort) -> tuple[Stage, ...]:
     """Go on after the light has changed."""
-    tolerance = effort.tolerance
-    settle = Descend(MOST, tolerance), Starts(4, 3, tolerance)
-    return settle + (ThresholdSpread(4, 3, tolerance),) + refine(effort)
+    starts = Starts(effort.tuning.n_sweep, 3, effort.tolerance)
+    return (Descend(MOST, effort.tolerance), starts, spread(effort), *refine(effort))
 
 
 def after_model(effort: Effort) -> tuple[Stage, ...]:
     """Go on after the forward model has changed."""
-    return (Descend(4, effort.tolerance, softness=0.01),) + after_light(effort)
+    return (Descend(4, effort.tolerance, softness=0.01), *after_light(effort))
 
 
 def after_events(effort: Effort) -> tuple[Stage, ...]:
     """Go on after the events have changed a little."""
-    return (Descend(MOST, effort.tolerance), ThresholdSpread(4, 3, effort.tolerance)) + refine(effort)
+    return (Descend(MOST, effort.tolerance), spread(effort), *refine(effort))
+
+
+def spread(effort: Effort) -> Stage:
+    """Find how unknown thresholds are distributed."""
+    return ThresholdSpread(effort.tuning.n_spread, 3, effort.tolerance, last_terms(effort))
 
 
 def refine(effort: Effort) -> tuple[Stage, ...]:
     """Use all that the events say, then let neighbours speak."""
-    tolerance = effort.tolerance
-    descend = Descend(MOST, tolerance, fine=True, name="refinement")
-    return (HearAll(), descend, Respread(MOST, tolerance), SoftHorizon(MOST, tolerance)) + know(effort)
+    terms, tolerance = last_terms(effort), effort.tolerance
+    descend = Descend(MOST, tolerance, terms=terms, name="refinement")
+    respread = Respread(MOST, tolerance, effort.tuning.fired_lower, terms)
+    return (HearAll(), descend, respread, *soft_horizon(effort, MOST), *know(effort))
+
+
+def soft_horizon(effort: Effort, n_step: int) -> tuple[Stage, ...]:
+    """Let the horizon follow the surface, if that is asked for."""
+    return (SoftHorizon(n_step, effort.tolerance, last_terms(effort)),) if effort.tuning.curved else ()
 
 
 def quick(effort: Effort) -> tuple[Stage, ...]:
@@ -97,18 +107,24 @@ def quick(effort: Effort) -> tuple[Stage, ...]:
     tolerance = effort.tolerance
     steps = Descend(4, tolerance), Starts(1, 2, tolerance), ThresholdSpread(1, 2, tolerance)
     last = HearAll(), Descend(4, tolerance, name="refinement")
-    return (*steps, *last, PixelNoise(fine=False, each=False), Neighbours(None, fine=False))
-
-
-def know(effort: Effort) -> tuple[Stage, ...]:
-    """Say how well the pixels are known, and let neighbours speak."""
-    return PixelNoise(), Neighbours(effort.priors)
+    return (*steps, *last, PixelNoise(PAIRS, None), Neighbours(None, PAIRS))
 
 
 def neighbours(effort: Effort) -> tuple[Stage, ...]:
     """Let neighbours speak of pixels that are solved alone."""
-    descend = Descend(0, effort.tolerance, fine=True, name="refinement")
-    return (HearAll(), descend, SoftHorizon(3, effort.tolerance)) + know(effort)
+    descend = Descend(0, effort.tolerance, terms=last_terms(effort), name="refinement")
+    return (HearAll(), descend, *soft_horizon(effort, 3), *know(effort))
+
+
+def know(effort: Effort) -> tuple[Stage, ...]:
+    """Say how well the pixels are known, and let neighbours speak."""
+    terms = last_terms(effort)
+    return PixelNoise(terms, effort.tuning.misfit), Neighbours(effort.priors, terms)
+
+
+def last_terms(effort: Effort) -> Terms:
+    """Give what counts in the last stages beside event pairs."""
+    return Terms(effort.tuning.density, effort.tuning.silence)
 
 
 def measure() -> tuple[Stage, ...]:
@@ -120,9 +136,14 @@ def trial(tolerance: float = 0.1) -> tuple[Stage, ...]:
     """Solve pixels that have no neighbours and no silences, to compare costs."""
     search = (
         Descend(n_step, tolerance, softness, noise)
-        for softness, noise, n_step in ((0.3, 0.5, 6), (0.1, None, 3), (0.02, None, 3), (None, None, 8))
+        for softness, noise, n_step in (
+            (0.3, FIRST_NOISE, 6),
+            (0.1, None, 3),
+            (0.02, None, 3),
+            (None, None, 8),
+        )
     )
-    last = Descend(8, tolerance, fine=True, name="refinement"), Respread(8, tolerance)
+    last = Descend(8, tolerance, terms=ALL_TERMS, name="refinement"), Respread(8, tolerance)
     return (*search, ThresholdSpread(2, 2, tolerance), HearAll(), *last, PixelNoise(), Neighbours(None))
 
 

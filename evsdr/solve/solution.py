@@ -101,8 +101,8 @@ class Passed:
     stage : str
         Its name.
     steps : int
-    mean_cost : float
-        Of all pixels, after it.
+    mean_cost : float, optional
+        Of all pixels, after it; None where the pairs have just changed.
     open : float
         Share of the pixels whose cost still fell by more than the tolerance in its last step.
     seconds : float
@@ -110,7 +110,7 @@ class Passed:
 
     stage: str
     steps: int
-    mean_cost: float
+    mean_cost: float | None
     open: float
     seconds: float
 

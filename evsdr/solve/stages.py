@@ -32,6 +32,7 @@ from evsdr.solve.noise import IGNORED, measured, noise_factors, scatter_of
 from evsdr.solve.pair_data import PairData, room_for, thin, without
 from evsdr.solve.solution import NO_INFORMATION, SETTLED, STEPS_USED_UP, Data, Passed, Solution, State
 from evsdr.solve.threshold_spread import MOVING_SPREAD, first_spread, learn_spread
+from evsdr.solve.tuning import Tuning
 from evsdr.solve.unknowns import fill
 
 Progress = Callable[[str, float], None]
@@ -44,6 +45,20 @@ class Stage(Protocol):
 
     def __call__(self, data: Data, state: State, progress: Progress) -> State:
         """Give a new state."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What counts beside event pairs: the density of event times, and that no event fired."""
+
+    density: bool = True
+    silence: bool = True
+
+    def loss(self, data: Data) -> Loss:
+        return Loss(data.robust, self.density, self.silence)
+
+
+PAIRS, ALL_TERMS = Terms(False, False), Terms()
 
 
 @dataclass(frozen=True)
@@ -60,24 +75,22 @@ class Descend:
         Width of the smooth horizon; by default that of the LEDs.
     noise : float, optional
         Standard deviation of the relative residual; measured by default.
-    fine : bool
-        Whether the density of event times and silences count.
+    terms : Terms
     """
 
     n_step: int
     tolerance: float
     softness: float | None = None
     noise: float | None = None
-    fine: bool = False
+    terms: Terms = PAIRS
     name: str = "descent"
 
     def __call__(self, data, state, progress):
         softness = data.model.illumination.horizon if self.softness is None else self.softness
         state = replace(state, softness=dr.opaque(type(data.constant_light), softness))
         state = measured(data, state) if self.noise is None else replace(state, noise=self.noise)
-        loss = Loss(data.robust, self.fine, self.fine)
         told = lambda share: progress(self.name, share)  # noqa: E731
-        return descended(data, state, loss, self.n_step, self.tolerance, told)
+        return descended(data, state, self.terms.loss(data), self.n_step, self.tolerance, told)
 
 
 @dataclass(frozen=True)
@@ -100,7 +113,7 @@ class Starts:
     name: str = "starts"
 
     def __call__(self, data, state, progress):
-        system, made = system_of(data, state, Loss(data.robust)), 0
+        system, made = system_of(data, state, PAIRS.loss(data)), 0
         theta, terms = state.theta, state.terms
         for sweep in range(self.n_sweep):
             before = terms[0]
@@ -133,6 +146,7 @@ class ThresholdSpread:
     n_round: int
     n_step: int
     tolerance: float
+    terms: Terms = ALL_TERMS
     name: str = "thresholds"
 
     def __call__(self, data, state, progress):
@@ -140,8 +154,7 @@ class ThresholdSpread:
             return state
         for round_ in range(self.n_round):
             state = measured(data, state)
-            loss = Loss(data.robust, density=True, silence=True)
-            state = descended(data, state, loss, self.n_step, self.tolerance, _silent)
+            state = descended(data, state, self.terms.loss(data), self.n_step, self.tolerance, _silent)
             _, matrix = split(state.terms, len(state.theta))
             spread = learn_spread(state.theta, matrix, state.spread, MOVING_SPREAD)
             moved = max(abs(float(a[0] - b[0])) for a, b in zip(spread[:2], state.spread[:2]))
@@ -174,12 +187,14 @@ class Respread:
     n_step, tolerance
         See `Descend`.
     fired_lower : float
-        An event's own threshold is this times noise^2 below the mean: lower ones are reached first.
+        See `Tuning`.
+    terms : Terms
     """
 
     n_step: int
     tolerance: float
     fired_lower: float = 1.0
+    terms: Terms = ALL_TERMS
     name: str = "spread"
 
     def __call__(self, data, state, progress):
@@ -188,7 +203,7 @@ class Respread:
         _, matrix = split(state.terms, len(state.theta))
         shift = self.fired_lower * state.noise**2
         state = replace(state, spread=learn_spread(state.theta, matrix, state.spread, shift=shift))
-        return descended(data, state, Loss(data.robust, True, True), self.n_step, self.tolerance, _silent)
+        return descended(data, state, self.terms.loss(data), self.n_step, self.tolerance, _silent)
 
 
 @dataclass(frozen=True)
@@ -203,12 +218,12 @@ class SoftHorizon:
 
     n_step: int
     tolerance: float
+    terms: Terms = ALL_TERMS
     name: str = "soft horizon"
 
     def __call__(self, data, state, progress):
         curved = replace(state, softness=softness_at(data, state.theta), curved=True)
-        loss = Loss(data.robust, True, True)
-        curved = descended(data, curved, loss, self.n_step, self.tolerance, _silent)
+        curved = descended(data, curved, self.terms.loss(data), self.n_step, self.tolerance, _silent)
         gain = float(dr.sum(state.terms[0] - curved.terms[0])[0])
         return curved if gain > 0 else replace(state, n_step=curved.n_step)
 
@@ -225,23 +240,22 @@ class PixelNoise:
 
     Attributes
     ----------
-    fine : bool
-        See `Descend`.
-    each : bool
-        Whether pixels differ.
+    terms : Terms
+    misfit : float, optional
+        See `Tuning`; without it pixels don't differ.
     """
 
-    fine: bool = True
-    each: bool = True
+    terms: Terms = ALL_TERMS
+    misfit: float | None = Tuning.misfit
     name: str = "noise"
 
     def __call__(self, data, state, progress):
         scatter, n_pixel = scatter_of(data, state), dr.width(state.theta[0])
         state = replace(state, noise=scatter.of_most())
-        cost = evaluate(system_of(data, state, Loss(data.robust, self.fine, self.fine)), state.theta)[0]
+        cost = evaluate(system_of(data, state, self.terms.loss(data)), state.theta)[0]
         factor = np.ones(n_pixel, np.float32)
-        if self.each:
-            factor = noise_factors(scatter, state.noise, n_pixel, len(state.theta))
+        if self.misfit:
+            factor = noise_factors(scatter, state.noise, n_pixel, len(state.theta), self.misfit)
         pairs = state.pairs
         if (factor == IGNORED).any():
             pairs = without(pairs, factor == IGNORED)
@@ -255,17 +269,16 @@ class Neighbours:
     Attributes
     ----------
     priors : Priors, optional
-    fine : bool
-        See `Descend`.
+    terms : Terms
     """
 
     priors: Priors | None = None
-    fine: bool = True
+    terms: Terms = ALL_TERMS
     name: str = "neighbours"
 
     def __call__(self, data, state, progress):
         noise = owned(type(data.constant_light), state.noise * state.noise_factor)
-        system = system_of(data, state, Loss(data.robust, self.fine, self.fine), noise)
+        system = system_of(data, state, self.terms.loss(data), noise)
         n, cost = len(state.theta), state.terms[0]
         if self.priors is None:
             matrix = split(evaluate(system, state.theta), n)[1]
@@ -312,7 +325,7 @@ def solve(data: Data, recipe: tuple[Stage, ...], start: State, progress: Progres
         begin, steps = time.perf_counter(), state.n_step
         state = stage(data, replace(state, open=0.0), progress)
         dr.eval(state.theta, state.terms)
-        mean = float(dr.mean(state.terms[0])[0]) if state.terms else float("nan")
+        mean = float(dr.mean(state.terms[0])[0]) if state.terms else None
         seconds = time.perf_counter() - begin
         history.append(Passed(stage.name, state.n_step - steps, mean, state.open, seconds))
     return _solution(data, state, tuple(history))

@@ -19,7 +19,7 @@ SHORT = (
     stages.Descend(3, 0.01, 0.3, 0.5),
     stages.Starts(1, 1, 0.01),
     stages.HearAll(),
-    stages.Descend(2, 0.01, fine=True),
+    stages.Descend(2, 0.01, terms=stages.ALL_TERMS),
     stages.SoftHorizon(1, 0.01),
     stages.PixelNoise(),
     stages.Neighbours(Priors(n_round=1, n_draw=1)),

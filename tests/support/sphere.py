@@ -13,7 +13,7 @@ from evsdr.records import Recording, Schedule, Sensor
 from evsdr.solve import recipes, stages
 from evsdr.solve.problem import make_problem
 from evsdr.solve.recipes import Effort
-from evsdr.solve.stages import Descend, HearAll, Neighbours, PixelNoise, Starts
+from evsdr.solve.stages import PAIRS, Descend, HearAll, Neighbours, PixelNoise, Starts
 from evsdr.solve.unknowns import first_theta
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
 
@@ -24,8 +24,8 @@ PAIRS_ALONE = (  # without silence, event times, and noise of single pixels
     Starts(1, 3, 0.01),
     HearAll(),
     Descend(30, 0.01),
-    PixelNoise(fine=False, each=False),
-    Neighbours(None, fine=False),
+    PixelNoise(PAIRS, None),
+    Neighbours(None, PAIRS),
 )
 SPECTRUM = np.array([0.1, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.6])
 NO_FLAWS = dict.fromkeys(

@@ -1,0 +1,40 @@
+"""Numbers of the solver's statistics and search that `experiments/ablation` varies."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What the recipes are made of. Each number is guessed unless it says otherwise.
+
+    Attributes
+    ----------
+    softness : tuple of float
+        Widths of the smooth horizon that the search goes through.
+    n_sweep : int
+        Sweeps over the neighbours' solutions at most; 0 leaves them out.
+    n_spread : int
+        Rounds of expectation maximisation at most that look for the distribution of unknown thresholds.
+    wider : float
+        Width of the Cauchy cost where thresholds are unknown, relative to that where they are known: the tails of the
+        residuals tell of them.
+    fired_lower : float
+        An event's own threshold is this times noise^2 below the mean, as lower ones are reached first; derived for
+        light that changes slowly within the noise.
+    density, silence : bool
+        Whether the density of event times, and silence, count in the last stages.
+    curved : bool
+        Whether the horizon may be as soft as the surface is curved within a pixel.
+    misfit : float
+        Noise of a pixel, relative to most, from which its events contradict the model and count for nothing.
+    """
+
+    softness: tuple[float, ...] = (0.3, 0.1, 0.03, 0.01)
+    n_sweep: int = 4
+    n_spread: int = 4
+    wider: float = 1.5
+    fired_lower: float = 1.0
+    density: bool = True
+    silence: bool = True
+    curved: bool = True
+    misfit: float = 3.0
