@@ -96,7 +96,7 @@ class Look:
     def signals(self, light: Illumination) -> np.ndarray:
         """Give the signals (n, n_led) of a light there, indirect light included."""
         Float, Array3f = type(light.constant_light), type(light.direction[0])
-        normal = Array3f(*self.normal.T.astype(np.float32))
+        normal = Array3f(*columns(Float, self.normal))
         reflectance = columns(Float, self.reflectance)
         here = light.gather(owned(dr.uint32_array_t(Float), self.pixel))
         rows = [s.numpy() for s in led_signals(here, normal, reflectance)]

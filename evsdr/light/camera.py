@@ -5,6 +5,7 @@ import numpy as np
 
 from evsdr.integrators.ring import camera_frame
 from evsdr.light.scene import RingScene
+from evsdr.model.arrays import columns
 from evsdr.model.view import CameraGeometry, View
 
 
@@ -42,7 +43,7 @@ def view_directions(ring: RingScene, pixel: np.ndarray) -> mi.Vector3f | None:
     if not geometry.perspective:
         return None
     points = geometry.points(np.ones((ring.height, ring.width))).reshape(-1, 3)[pixel]
-    return mi.Vector3f(*(-points / np.linalg.norm(points, axis=1, keepdims=True)).T.astype(np.float32))
+    return mi.Vector3f(*columns(mi.Float, -points / np.linalg.norm(points, axis=1, keepdims=True)))
 
 
 def camera_geometry(sensor: mi.Sensor) -> tuple[CameraGeometry, np.ndarray]:
