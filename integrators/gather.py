@@ -78,6 +78,7 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
     shift = mi.Point2f(generator.next_float32(), generator.next_float32())
     front = dr.mulsign(surface.place.n, dr.dot(surface.place.n, surface.place.to_world(surface.place.wi)))
     seen_at = dr.select(surface.known, surface.place.p, mi.Point3f(dr.inf))
+    skip = dr.opaque(mi.Float, skip)
     dr.eval(frame, shift, signal, front, seen_at, mean)
 
     def body(k, *total):

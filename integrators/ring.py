@@ -186,6 +186,7 @@ class RingIntegrator(mi.SamplingIntegrator):
         frame = camera_frame(sensor)
         far = [leds.is_far(j) for j in range(leds.n_led)]
         target = find_object(scene)
+        free = dr.opaque(mi.Float, skip) if skip > 0 else None  # no kernel holds its length
 
         def measure(si, ray, rng, active):
             active = active & si.is_valid() & (si.shape == target)
@@ -195,7 +196,7 @@ class RingIntegrator(mi.SamplingIntegrator):
                 if far[j] and not shadows:
                     continue
                 ds, geometry = toward_led(leds, j, si, sample, active)
-                lit = visible(scene, si, ds, active, skip) if shadows else active
+                lit = visible(scene, si, ds, active, free) if shadows else active
                 if far[j]:
                     values.append(dr.select(lit, geometry, 0.0))
                 else:
@@ -299,10 +300,10 @@ def seen(leds: Leds, j: int, si, active) -> mi.Float:
     return dr.select(front, 1.0, 0.0)
 
 
-def visible(scene, si, ds, active, skip=0.0) -> mi.Bool:
+def visible(scene, si, ds, active, skip=None) -> mi.Bool:
     """Trace a shadow ray from a surface point to a sampled LED; stretches `skip` at both ends are free."""
     ray = si.spawn_ray_to(ds.p)
-    if skip > 0:
+    if skip is not None:
         ray.o += mi.Vector3f(dr.sign(dr.dot(si.n, si.to_world(si.wi))) * si.n) * (0.25 * skip) + skip * ds.d
         ray.maxt -= 2 * skip  # as it starts later, and lest it reaches the LED's own shape
     return active & ~scene.ray_test(ray, True, active)

@@ -14,7 +14,7 @@ from evsdr.light.scene import RingScene
 from evsdr.solve import published, recipes
 from evsdr.solve.pair_data import thin
 from evsdr.solve.problem import Problem
-from evsdr.solve.solution import Solution
+from evsdr.solve.solution import STEPS_USED_UP, Solution
 from evsdr.solve.stages import data_of, resume, start_of
 from evsdr.solve.stages import solve as run
 from evsdr.solve.unknowns import first_theta, to_theta
@@ -148,7 +148,7 @@ def solve_as_published(problem: Problem, start_normal: np.ndarray, settings: Set
     data = data_of(problem.model, problem.pairs, light.constant_light, problem.grid, width)
     theta = to_theta(normal, reflectance, type(light.constant_light))
     solution = run(data, recipes.measure(), start_of(data, theta))
-    return normal, reflectance, replace(solution, n_step=adam.n_step)
+    return normal, reflectance, replace(solution, n_step=adam.n_step, result=STEPS_USED_UP)
 
 
 def choose_effort(settings: Settings) -> recipes.Effort:

@@ -1,4 +1,4 @@
-"""Gloss: a white specular lobe beside the Lambertian signal; angular gate and robust width do without.
+"""Gloss: a white specular lobe beside the Lambertian signal.
 
 A_xj = R_xb max(0, n_x . l_xj) E_xj + k_x s(n_x, l_xj, v_x) E_xj,      E_xj = V g INT D E_j
 

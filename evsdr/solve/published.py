@@ -104,6 +104,7 @@ def solve(
     pair = dr.arange(UInt32, dr.width(pairs.phases) // 2)
     pixel_of_pair = owned(UInt32, np.repeat(np.arange(n_pixel), pairs.counts))
     dr.make_opaque(pair, pixel_of_pair)
+    per_pair, per_pixel = (dr.opaque(Float, 1 / max(n, 1)) for n in (dr.width(pair), n_pixel))
     half = [dr.normalize(d + Array3f(0, 0, 1)) for d in illumination.direction]
     place = owned(UInt32, pixel)
 
@@ -145,14 +146,14 @@ def solve(
             table, pairs, illumination.constant_light, pair, pixel_of_pair, True
         )
 
-    @dr.freeze(state_fn=lambda *_: (illumination, pairs, pair, pixel_of_pair, half))
+    @dr.freeze(state_fn=lambda *_: (illumination, pairs, pair, pixel_of_pair, half, per_pair, per_pixel))
     def step(optimiser, smooth, width):
         variables = dict(optimiser.items())
         normal, u, threshold = residuals_at(variables)
         weight = gate(dr.detach(normal)) / (1.0 + dr.square(dr.detach(u) * width))
-        loss = dr.mean(weight * dr.square(threshold * u))
+        loss = dr.sum(weight * dr.square(threshold * u)) * per_pair
         for name, target in zip(maps, smooth):
-            loss += settings.consistency * dr.mean(dr.square(variables[name] - target))
+            loss += settings.consistency * dr.sum(dr.square(variables[name] - target)) * per_pixel
         dr.backward(loss)
         optimiser.step()
         constrain(optimiser, rank)
@@ -198,6 +199,3 @@ def blur(maps: list, pixel, shape: tuple[int, int], settings: AdamSettings) -> l
     image = dr.convolve(dr.tensor_t(Float)(image, (len(layers), *shape)), kernel, axis=(1, 2)).array
     weight, *sums = (dr.gather(Float, image, pixel + i * size) for i in range(len(layers)))
     return [total / weight for total in sums]
-
-
-# ---------------------------------------------------------------------- without a lobe: gate and robust width

@@ -123,7 +123,7 @@ class Starts:
                 theta, terms = keep_better(theta, terms, *candidate)
                 made += n
                 progress(self.name, (sweep + (i + 1) / len(NEXT)) / self.n_sweep)
-            gained = float(dr.mean(dr.select(before - terms[0] > self.tolerance, 1.0, type(before)(0.0)))[0])
+            gained = mean(dr.select(before - terms[0] > self.tolerance, type(before)(1.0), 0.0))
             if gained < OPEN_SHARE:
                 break
         return replace(state, theta=theta, terms=terms, n_step=state.n_step + made)
@@ -297,6 +297,11 @@ class Neighbours:
         return replace(state, theta=found.theta, terms=[cost], n_step=state.n_step + found.n_round, **more)
 
 
+def mean(values) -> float:
+    """Give the mean of an array; the kernel of `dr.mean` would hold its size."""
+    return float(dr.sum(values)[0]) / dr.width(values)
+
+
 def _silent(*_) -> None:
     """Tell nobody."""
 
@@ -325,9 +330,9 @@ def solve(data: Data, recipe: tuple[Stage, ...], start: State, progress: Progres
         begin, steps = time.perf_counter(), state.n_step
         state = stage(data, replace(state, open=0.0), progress)
         dr.eval(state.theta, state.terms)
-        mean = float(dr.mean(state.terms[0])[0]) if state.terms else None
+        cost = mean(state.terms[0]) if state.terms else None
         seconds = time.perf_counter() - begin
-        history.append(Passed(stage.name, state.n_step - steps, mean, state.open, seconds))
+        history.append(Passed(stage.name, state.n_step - steps, cost, state.open, seconds))
     return _solution(data, state, tuple(history))
 
 
