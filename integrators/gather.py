@@ -105,7 +105,8 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
             f_cos = dr.sum(reflected * weight[leds.band[j]]) * dr.pi
             of_mean = mean[leds.band[j]] * dr.maximum(dr.dot(facing, ds.d), 0.0)
             strength = float(leds.power[j]) * geometry * dr.select(own, of_mean, f_cos)
-            open_ = lit & (strength > 0) & ~scene.ray_test(si.spawn_ray_to(ds.p), False, lit & (strength > 0))
+            toward = si.spawn_ray(ds.d) if leds.is_far(j) else si.spawn_ray_to(ds.p)
+            open_ = lit & (strength > 0) & ~scene.ray_test(toward, False, lit & (strength > 0))
             value = dr.select(open_, strength, 0.0) + dr.gather(mi.Float, signal[j], pixel, seen)
             out.append(sent + value)
         return (k + 1, *out)

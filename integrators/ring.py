@@ -196,7 +196,7 @@ class RingIntegrator(mi.SamplingIntegrator):
                 if far[j] and not shadows:
                     continue
                 ds, geometry = toward_led(leds, j, si, sample, active)
-                lit = visible(scene, si, ds, active, free) if shadows else active
+                lit = visible(scene, si, ds, active, free, far[j]) if shadows else active
                 if far[j]:
                     values.append(dr.select(lit, geometry, 0.0))
                 else:
@@ -300,9 +300,12 @@ def seen(leds: Leds, j: int, si, active) -> mi.Float:
     return dr.select(front, 1.0, 0.0)
 
 
-def visible(scene, si, ds, active, skip=None) -> mi.Bool:
-    """Trace a shadow ray from a surface point to a sampled LED; stretches `skip` at both ends are free."""
-    ray = si.spawn_ray_to(ds.p)
+def visible(scene, si, ds, active, skip=None, far=False) -> mi.Bool:
+    """Trace a shadow ray from a surface point to a sampled LED; stretches `skip` at both ends are free.
+
+    To a far one its direction is enough: Mitsuba's point hangs on the size of the scene, which kernels would hold.
+    """
+    ray = si.spawn_ray(ds.d) if far else si.spawn_ray_to(ds.p)
     if skip is not None:
         ray.o += mi.Vector3f(dr.sign(dr.dot(si.n, si.to_world(si.wi))) * si.n) * (0.25 * skip) + skip * ds.d
         ray.maxt -= 2 * skip  # as it starts later, and lest it reaches the LED's own shape
