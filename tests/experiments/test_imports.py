@@ -10,6 +10,7 @@ from tests.conftest import REPOSITORY
 EXPERIMENTS = REPOSITORY / "experiments"
 # Modules that an experiment measures, draws with, or must start before them.
 MEASURED = {
+    "ablation": {"solve.tuning"},
     "bench": {"commands.console", "rig", "events.phase", "fitting.simulation"},
     "benchmark.py": {"jit"},
     "cast_shadow": {"light"},  # tells where shadows are
