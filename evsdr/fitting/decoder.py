@@ -106,7 +106,7 @@ def solve(
     light, effort = problem.illumination, choose_effort(settings)
     Float = type(light.constant_light)
     pairs = thin(problem.pairs, effort.n_most) if effort.n_most else problem.pairs
-    width = effort.width(estimate_thresholds)
+    width = effort.robust
     data = data_of(problem.model, pairs, light.constant_light, problem.grid, width)
     if before is None:
         theta = first_theta(

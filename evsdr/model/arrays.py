@@ -24,7 +24,7 @@ def owned(kind: type, values: np.ndarray):
     """
     number = np.uint32 if kind is dr.uint32_array_t(kind) else np.float32
     values = values if len(values) else np.zeros(1)
-    out = kind(np.ascontiguousarray(values, number)) + dr.opaque(kind, 0)
+    out = kind(np.array(values, number)) + dr.opaque(kind, 0)  # a copy, as the addition runs later
     dr.eval(out)
     return out
 

@@ -36,7 +36,7 @@ class Effort:
     n_most : int, optional
         Events of a pixel that count at all.
     robust : float
-        Width of the Cauchy cost in standard deviations, where thresholds are known.
+        Width of the Cauchy cost in standard deviations.
     priors : Priors, optional
         What pixels tell of each other; None leaves each alone.
     tuning : Tuning
@@ -54,18 +54,12 @@ class Effort:
         priors = self.priors and replace(self.priors, tolerance=tolerance)
         return replace(self, tolerance=tolerance, priors=priors)
 
-    def width(self, thresholds: bool) -> float:
-        """Give the width of the Cauchy cost, with thresholds unknown or not."""
-        return self.robust * (self.tuning.wider if thresholds else 1)
-
 
 def whole(effort: Effort) -> tuple[Stage, ...]:
-    """Start from nothing: search under a soft horizon that hardens, then as `after_light`."""
-    search = tuple(
-        Descend(MOST, effort.tolerance, softness, None if k else FIRST_NOISE)
-        for k, softness in enumerate(effort.tuning.softness)
-    )
-    return search + after_light(effort)
+    """Start from nothing: search under a soft horizon, then as `after_light`."""
+    soft = effort.tuning.softness
+    search = Descend(MOST, effort.tolerance, soft, FIRST_NOISE)
+    return (search, *after_light(effort))
 
 
 def after_light(effort: Effort) -> tuple[Stage, ...]:

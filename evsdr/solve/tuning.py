@@ -9,15 +9,13 @@ class Tuning:
 
     Attributes
     ----------
-    softness : tuple of float
-        Widths of the smooth horizon that the search goes through.
+    softness : float, optional
+        Width of the smooth horizon under which the search begins; None begins under the hard one. Measured: more of
+        them on the way to the hard one change nothing.
     n_sweep : int
         Sweeps over the neighbours' solutions at most; 0 leaves them out.
     n_spread : int
         Rounds of expectation maximisation at most that look for the distribution of unknown thresholds.
-    wider : float
-        Width of the Cauchy cost where thresholds are unknown, relative to that where they are known: the tails of the
-        residuals tell of them.
     fired_lower : float
         An event's own threshold is this times noise^2 below the mean, as lower ones are reached first; derived for
         light that changes slowly within the noise.
@@ -29,10 +27,9 @@ class Tuning:
         Noise of a pixel, relative to most, from which its events contradict the model and count for nothing.
     """
 
-    softness: tuple[float, ...] = (0.3, 0.1, 0.03, 0.01)
+    softness: float | None = 0.3
     n_sweep: int = 4
     n_spread: int = 4
-    wider: float = 1.5
     fired_lower: float = 1.0
     density: bool = True
     silence: bool = True

@@ -27,14 +27,10 @@ def test_recipes_end_by_saying_how_well_pixels_are_known(recipe):
 
 
 def test_the_search_hardens_its_horizon():
-    softness = [stage.softness for stage in recipes.whole(Effort())[:4]]
-    assert softness == sorted(softness, reverse=True)
+    soft, hard = recipes.whole(Effort())[:2]
+    assert soft.softness > 0.1 and hard.softness is None
 
 
 def test_tolerance_reaches_the_priors():
     assert Effort(priors=Priors(n_round=3)).at(0.5).priors == Priors(n_round=3, tolerance=0.5)
     assert recipes.alone(Effort()).at(0.5).priors is None
-
-
-def test_unknown_thresholds_widen_the_cost():
-    assert Effort(robust=1.0).width(True) == 1.5 * Effort(robust=1.0).width(False)
