@@ -28,7 +28,6 @@ WITHOUT = {
 OPEN = {
     "solve/neighbours/spectra.py",
     "effects/gloss_terms.py",
-    "fitting/decoder.py",
 }
 
 MODULES = sorted(

@@ -23,7 +23,6 @@ from evsdr.solve.pair_data import PairData, ends, signal_table
 
 GATE_DEG = 11.88  # half-peak width of a Blinn-Phong lobe of shininess 32 (supplement, eq. 11)
 SMALLEST_NZ = 0.02
-LOOK = 100  # steps between two looks at how residuals scatter
 WEIGHT_DECAY = 0.01  # AdamW's usual value; the paper names none
 
 
@@ -104,7 +103,7 @@ def solve(
     pair = dr.arange(UInt32, dr.width(pairs.phases) // 2)
     pixel_of_pair = owned(UInt32, np.repeat(np.arange(n_pixel), pairs.counts))
     dr.make_opaque(pair, pixel_of_pair)
-    per_pair, per_pixel = (dr.opaque(Float, 1 / max(n, 1)) for n in (dr.width(pair), n_pixel))
+    per_pixel = dr.opaque(Float, 1 / n_pixel)
     half = [dr.normalize(d + Array3f(0, 0, 1)) for d in illumination.direction]
     place = owned(UInt32, pixel)
 
@@ -146,12 +145,13 @@ def solve(
             table, pairs, illumination.constant_light, pair, pixel_of_pair, True
         )
 
-    @dr.freeze(state_fn=lambda *_: (illumination, pairs, pair, pixel_of_pair, half, per_pair, per_pixel))
+    @dr.freeze(state_fn=lambda *_: (illumination, pairs, pair, pixel_of_pair, half, per_pixel))
     def step(optimiser, smooth, width):
         variables = dict(optimiser.items())
         normal, u, threshold = residuals_at(variables)
-        weight = gate(dr.detach(normal)) / (1.0 + dr.square(dr.detach(u) * width))
-        loss = dr.sum(weight * dr.square(threshold * u)) * per_pair
+        trust = dr.rcp(1.0 + dr.square(dr.detach(u) * width))
+        weight = gate(dr.detach(normal)) * trust / dr.sum(trust)  # the blur counts as before
+        loss = dr.sum(weight * dr.square(threshold * u))
         for name, target in zip(maps, smooth):
             loss += settings.consistency * dr.sum(dr.square(variables[name] - target)) * per_pixel
         dr.backward(loss)
@@ -160,7 +160,7 @@ def solve(
 
     width = dr.opaque(Float, 0.0)  # of what is down-weighted, inverse; 0 weighs nothing down
     for i in range(settings.n_step):
-        if settings.robust and i % LOOK == LOOK - 1:
+        if settings.robust and i == settings.n_step // 2:
             scatter = MEDIAN_TO_SIGMA * float(np.median(np.abs(residuals().numpy())))
             width = dr.opaque(Float, 1 / (settings.robust * scatter))
         step(optimiser, blur([dr.detach(optimiser[name]) for name in maps], place, shape, settings), width)

@@ -54,3 +54,15 @@ def test_blur_is_a_masked_gaussian(rng):
     dy, dx = rows - rows[i], columns - columns[i]
     weight = np.exp(-(dx**2 + dy**2) / (2 * 1.5**2)) * (abs(dx) <= 2) * (abs(dy) <= 2)
     np.testing.assert_allclose(blurred.numpy()[i], weight @ values / weight.sum(), rtol=1e-4, atol=1e-6)
+
+
+def test_down_weighting_starts_half_way_and_does_no_harm():
+    """Narrow weights would let the contrast collapse; those of three standard deviations don't."""
+    problem, truth = sphere_problem(16, event_noise=0.05, dead=(3,))
+    start = np.tile([0.0, 0.0, 1.0], (problem.n_pixel, 1))
+    given = problem.illumination, problem.pairs, start, problem.pixel, (16, 16)
+    plain, robust = (
+        published.solve(*given, published.AdamSettings(n_step=400, robust=r))[0] for r in (None, 3.0)
+    )
+    assert np.abs(plain - robust).max() > 0.01
+    assert angular_error_deg(robust, truth).mean() < 1.05 * angular_error_deg(plain, truth).mean()
