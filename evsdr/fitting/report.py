@@ -18,7 +18,9 @@ WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth 
 CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
 CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are worth a warning
 SENSOR = [field.name for field in fields(Sensor)]
-MISFIT = 0.5  # relative threshold noise above which events and scene contradict each other
+# Relative threshold noise above which events and scene contradict each other; after LEDs were put right less is enough,
+# as what remains was not theirs
+MISFIT, MENDED_MISFIT = 0.5, 0.25
 
 
 def warn(sentence: str) -> None:
@@ -36,7 +38,8 @@ def warn_of_what_was_found(world: World, fitted: Fitted) -> None:
         )
     if not fitted.maps.mask.any():
         warn(f"{source}: no pixel is known; record more rounds, or with less constant light.")
-    if noise > MISFIT:
+    wiring = world.decisions.get("wiring")
+    if noise > (MENDED_MISFIT if wiring and wiring.modelled else MISFIT):
         warn(
             f"{source}: the events contradict {ring.path}, their thresholds scatter by "
             f"{noise:.0%}; check order, slot_us, triggers, thresholds and constant_light."
