@@ -40,7 +40,7 @@ def world(constant_light=0.05, busy=0):
     leds = SimpleNamespace(band=[0, 1, 2], band_wavelength_nm=np.array([450.0, 550.0, 650.0]))
     ring = SimpleNamespace(path="a.xml", constant_light=constant_light, leds=leds)
     pairs = SimpleNamespace(offset=np.append(0, np.cumsum(count)).astype(np.uint32))
-    return SimpleNamespace(ring=ring, recording=recording, hot=None, pairs=lambda: pairs)
+    return SimpleNamespace(ring=ring, recording=recording, hot=None, pairs=lambda: pairs, decisions={})
 
 
 def test_nothing_to_warn_of():
@@ -87,3 +87,11 @@ def test_notes_on_the_model():
     assert alone["neighbours"].startswith("each pixel alone") and alone["scale"].startswith("unknown")
     adam = report.model_notes(world(), Settings(solver="adam"), fitted().solution)
     assert adam["silence"].startswith("not used")
+
+
+def test_a_ring_that_was_put_right_and_still_does_not_fit_contradicts():
+    mended = {"wiring": SimpleNamespace(modelled=True)}
+    with pytest.warns(InputWarning, match="the events contradict"):
+        report.warn_of_what_was_found(
+            SimpleNamespace(**vars(world()) | {"decisions": mended}), fitted(noise=0.3)
+        )
