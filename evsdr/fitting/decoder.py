@@ -107,7 +107,7 @@ def solve(
     light, effort = problem.illumination, choose_effort(settings)
     Float = type(light.constant_light)
     pairs = thin(problem.pairs, effort.n_most) if effort.n_most else problem.pairs
-    width = effort.robust
+    width = effort.width(estimate_thresholds)
     data = data_of(problem.model, pairs, light.constant_light, problem.grid, width)
     if before is None:
         theta = first_theta(

@@ -36,7 +36,7 @@ class Effort:
     n_most : int, optional
         Events of a pixel that count at all.
     robust : float
-        Width of the Cauchy cost in standard deviations.
+        Width of the Cauchy cost in standard deviations, where thresholds are known.
     priors : Priors, optional
         What pixels tell of each other; None leaves each alone.
     tuning : Tuning
@@ -53,6 +53,10 @@ class Effort:
         """Try as hard as a tolerance asks."""
         priors = self.priors and replace(self.priors, tolerance=tolerance)
         return replace(self, tolerance=tolerance, priors=priors)
+
+    def width(self, thresholds: bool) -> float:
+        """Give the width of the Cauchy cost, with thresholds unknown or not."""
+        return self.robust * (self.tuning.wider if thresholds else 1)
 
 
 def whole(effort: Effort) -> tuple[Stage, ...]:

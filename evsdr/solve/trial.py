@@ -77,7 +77,7 @@ def solve(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresho
         slot_leds=together([case.slot_leds for case in cases], UInt32),
     )
     there = light.gather(owned(UInt32, pixel))
-    grid, width = lonely_grid(n_pixel, UInt32), Effort().robust
+    grid, width = lonely_grid(n_pixel, UInt32), Effort().width(thresholds)
     data = data_of(LambertianRing(there), thin(tried, N_MOST), light.constant_light, grid, width)
     frontal = np.tile([0.0, 0.0, 1.0], (n_pixel, 1))
     start = start_of(data, first_theta(frontal, light.n_band, thresholds, Float), N_HEARD)

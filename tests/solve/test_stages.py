@@ -108,7 +108,7 @@ def test_a_solve_goes_on_from_a_solution(small):
     problem, truth = small
     light = problem.illumination
     found = solve(problem, ALONE.at(0.01), thresholds=True)
-    given = problem.pairs, light.constant_light, problem.grid, ALONE.robust
+    given = problem.pairs, light.constant_light, problem.grid, ALONE.width(True)
     data = stages.data_of(LambertianRing(light), *given)
     again = stages.solve(data, recipes.neighbours(ALONE), stages.resume(data, found))
     assert again.threshold_prior == pytest.approx(found.threshold_prior)

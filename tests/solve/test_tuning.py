@@ -12,6 +12,7 @@ OTHER = dict(
     softness=0.2,
     n_sweep=0,
     n_spread=1,
+    wider=1.0,
     fired_lower=0.0,
     density=False,
     silence=False,
@@ -25,4 +26,4 @@ def test_a_number_changes_the_solve(name):
     effort = Effort()
     other = replace(effort, tuning=replace(effort.tuning, **{name: OTHER[name]}))
     assert other.tuning != effort.tuning
-    assert recipes.whole(other) != recipes.whole(effort)
+    assert (recipes.whole(other), other.width(True)) != (recipes.whole(effort), effort.width(True))

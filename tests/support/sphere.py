@@ -68,7 +68,7 @@ def sphere_problem(size: int, event_noise: float, **options):
 def solve(problem, effort=ALONE, start=None, thresholds=False, model=None, recipe=None):
     """Solve from frontal normals by the recipe of an effort; the surface is matt by default."""
     light, model = problem.illumination, model or LambertianRing(problem.illumination)
-    given = problem.pairs, light.constant_light, problem.grid, effort.robust
+    given = problem.pairs, light.constant_light, problem.grid, effort.width(thresholds)
     data = stages.data_of(model, *given)
     frontal = np.tile([0.0, 0.0, 1.0], (problem.n_pixel, 1))
     start = start or first_theta(frontal, light.n_band, thresholds, mi.Float)
