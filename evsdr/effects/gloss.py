@@ -6,7 +6,8 @@ import drjit as dr
 import numpy as np
 
 from evsdr.effects.effect import Decision
-from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence, sort_materials
+from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence
+from evsdr.effects.materials import sort_materials
 from evsdr.effects.world import Fitted, World
 from evsdr.light.camera import view_directions
 from evsdr.model.arrays import columns
@@ -45,14 +46,14 @@ def find_gloss(
     if before:
         error, label = before.expected_deg, sort_materials(np.exp(solution.theta[:, 2:]))
     else:
-        evidence, label = gloss_evidence(known, *given, problem.view), None
+        evidence, label = gloss_evidence(known, *given), None
         error = evidence.error_deg
         if asked == "auto" and not evidence.is_worth_modelling(limit_deg):
             shown = f"{max(evidence.z, 0):.1f} standard deviations, {error:.2f} deg of expected error"
             why = f"not modelled: the residuals show {shown}; robust weights only"
             return Decision(NAME, False, why, error, {"z": evidence.z})
         known = problem  # thresholds of a matt fit have taken gloss for their own
-    gloss = fit_gloss(known, *given, label, problem.view)
+    gloss = fit_gloss(known, *given, label)
     lobes = ", ".join(f"{shape} {a:.2g} strength {s:.2g}" for a, s in zip(gloss.shape, gloss.strength))
     why = f"left out it would cost {error:.2g} deg" if asked == "auto" else f"asked for by --gloss {asked}"
     found = {shape: gloss.shape.tolist(), "strength": gloss.strength.tolist()}

@@ -1,28 +1,38 @@
 """Finding gloss in event pairs: is there any, and which lobe has each kind of material.
 
-Lobe and the unknowns of a sample of pixels are fitted together: what a matt fit has already explained by
-wrong normals and reflectances would hide the lobe. The Schur complement eliminates the unknowns of each pixel.
+A matt fit hides the lobe: it explains it by wrong normals and reflectances. So a sample of pixels is solved anew under
+every lobe that is tried; the one of smallest cost is found.
 """
 
-import warnings
-from dataclasses import dataclass
+import itertools
+from dataclasses import dataclass, replace
 
+import drjit as dr
 import numpy as np
-from scipy.cluster.vq import kmeans2
+from scipy.optimize import minimize
 
-from evsdr.effects.gloss_terms import Sample, eliminate
 from evsdr.metrics import angular_error_deg
-from evsdr.model.gloss import RoughCoating
-from evsdr.solve.unknowns import LARGEST_STEP
+from evsdr.model.arrays import columns, owned
+from evsdr.model.gloss import GlossyRing, RoughCoating
+from evsdr.model.illumination import Illumination
+from evsdr.model.lambert import LambertianRing
+from evsdr.solve.grid import lonely_grid
+from evsdr.solve.levenberg import descend, system_of
+from evsdr.solve.pair_data import thin
+from evsdr.solve.problem import Problem
+from evsdr.solve.solution import Data
+from evsdr.solve.stages import Terms, data_of, start_of
+from evsdr.solve.unknowns import to_normal
 
-MAX_KIND = 4  # of material
-TOO_FEW = 2.0  # scatter of too few kinds, relative to that of MAX_KIND
-MOST = 0.9  # share of pixels that a scatter speaks of
-SAME_SPECTRUM = 0.05  # scatter of unit spectra that one material may have
-N_STEP = 25  # Levenberg-Marquardt steps
-LEAST_Z = 6.0  # score of gloss that is there
+N_SAMPLE, MAX_PAIRS = 400, 256  # pixels that stand for all of a kind, and pairs of each
+ROBUST = 3.0  # width of the Cauchy cost in standard deviations
+TERMS = Terms(density=True, silence=False)
+N_STEP, TOLERANCE = 8, 0.01  # of a descent under a lobe, see `levenberg.descend`
+STRENGTHS = (0.05, 0.2, 0.8)  # to start a search from; what is weaker hardly spoils normals
+SETTLED = 0.01  # change of log shape and log strength that ends the search
+LEAST_Z = 5.0  # of gloss that is there; measured: rough reliefs without any reach 3.5, thin coatings 6.5
 NEAR_DEG = 25.0  # from a half vector: where a lobe shows
-KIND_SIGMA = (1.0, 0.5)  # of log strength and log shape of the kinds of one scene
+KIND_SIGMA = np.array([0.5, 1.0])  # of log shape and log strength of the kinds of one scene
 
 
 @dataclass(frozen=True)
@@ -46,19 +56,19 @@ class Gloss:
 
     def lobe(self, Float: type):
         """Lay the lobes out over the pixels."""
-        return self.kind(*(Float(v[self.label].astype(np.float32)) for v in (self.shape, self.strength)))
+        return self.kind(*(owned(Float, v[self.label]) for v in (self.shape, self.strength)))
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the residuals of a matt fit say of gloss, by Rao's score test.
+    """What events say of gloss, by Vuong's test ("Likelihood ratio tests for model selection", Econometrica 1989).
 
     Attributes
     ----------
     shape, strength : float
         Of the lobe that explains them best.
     z : float
-        Score in standard deviations, by its scatter over the pixels.
+        What the lobe gains in log likelihood, in standard deviations by its scatter over the pixels.
     error_deg : float
         Expected mean error of the normals if gloss is left out [deg].
     """
@@ -70,44 +80,89 @@ class Evidence:
 
     def is_worth_modelling(self, least_deg: float = 0.1) -> bool:
         """Tell whether gloss is there, and spoils normals by more than `least_deg`."""
-        return self.strength > 0 and self.z > LEAST_Z and self.error_deg > least_deg
+        return self.z > LEAST_Z and self.error_deg > least_deg
 
 
-def gloss_evidence(
-    problem, theta: np.ndarray, noise: float, kind: type = RoughCoating, view=None
-) -> Evidence:
-    """Ask the residuals of a matt fit for gloss.
+@dataclass(frozen=True)
+class Sample:
+    """Pixels to be solved under lobes.
 
-    Gloss that a fit has already explained by wrong normals and reflectances counts too: these unknowns are
-    eliminated, not held.
+    Attributes
+    ----------
+    data : Data
+        Of these pixels, with a matt model.
+    kind : type
+        Of the lobes.
+    noise : float
+        Standard deviation of the relative residuals.
+    view : Array3f, optional
+        See `GlossyRing`.
+    """
+
+    data: Data
+    kind: type
+    noise: float
+    view: object
+
+    @classmethod
+    def of(cls, problem: Problem, pixel: np.ndarray, kind: type, noise: float) -> "Sample":
+        """Take pixels (n_pixel) of a problem, one of them as often as wanted."""
+        UInt32, view = type(problem.pairs.offset), problem.view
+        index = owned(UInt32, pixel)
+        if view is not None and dr.width(view) > 1:
+            view = dr.gather(type(view), view, index)
+        light = problem.illumination.gather(index)
+        pairs, grid = thin(problem.pairs.of_pixels(pixel), MAX_PAIRS), lonely_grid(len(pixel), UInt32)
+        data = data_of(LambertianRing(light), pairs, light.constant_light, grid, ROBUST)
+        return cls(data, kind, noise, view)
+
+    def solve(self, theta: np.ndarray, shape, strength) -> tuple[np.ndarray, np.ndarray]:
+        """Solve all pixels under lobes.
+
+        Parameters
+        ----------
+        theta : (n_pixel, n) float
+            Unknowns to start from.
+        shape, strength : float, or (n_pixel,) float
+            Of the lobes.
+
+        Returns
+        -------
+        cost : (n_pixel,) float64
+        theta : (n_pixel, n) float32
+        """
+        Float = type(self.data.constant_light)
+        lobe = self.kind(*(owned(Float, np.broadcast_to(v, len(theta))) for v in (shape, strength)))
+        data = replace(self.data, model=GlossyRing(self.data.model.illumination, lobe, self.view))
+        state = start_of(data, columns(Float, theta))
+        system = system_of(data, state, TERMS.loss(data), dr.opaque(Float, self.noise))
+        found, terms, *_ = descend(system, state.theta, N_STEP, TOLERANCE)
+        return terms[0].numpy().astype(float), np.stack([t.numpy() for t in found], axis=-1)
+
+
+def gloss_evidence(problem: Problem, theta: np.ndarray, noise: float, kind: type = RoughCoating) -> Evidence:
+    """Ask the events for gloss.
 
     Parameters
     ----------
-    problem : problem.Problem
+    problem : Problem
     theta : (n_pixel, 2 + n_band) float
         Slopes and log reflectances of the matt fit.
     noise : float
         Standard deviation of its relative residuals.
-    view : Array3f, optional
-        See `GlossyRing`.
     """
-    sample = Sample(problem, np.ones(problem.n_pixel, bool), noise, view)
-    theta = theta[sample.pixel]
-    found = _best_score(sample, theta, kind)
-    if found.strength > 0 and found.z > LEAST_Z:
-        shape, strength, glossy = _descend(sample, theta, kind, found.shape, found.strength)
-        error = angular_error_deg(_normals(theta), _normals(glossy)).mean()
-        found = Evidence(shape, strength, found.z, float(error))
-    return found
+    pixel = _some(problem, np.ones(problem.n_pixel, bool))
+    evidence, matt, glossy = _first_look(problem, pixel, theta, noise, kind)
+    if evidence.z > LEAST_Z:
+        sample = Sample.of(problem, pixel, kind, noise)
+        shape, strength, glossy = _search(sample, glossy, evidence.shape, evidence.strength)
+        error = angular_error_deg(to_normal(matt), to_normal(glossy)).mean()
+        evidence = Evidence(shape, strength, evidence.z, float(error))
+    return evidence
 
 
 def fit_gloss(
-    problem,
-    theta: np.ndarray,
-    noise: float,
-    kind: type = RoughCoating,
-    label=None,
-    view=None,
+    problem: Problem, theta: np.ndarray, noise: float, kind: type = RoughCoating, label=None
 ) -> Gloss:
     """Fit one lobe per kind of material, together with the unknowns of a sample of its pixels.
 
@@ -124,51 +179,25 @@ def fit_gloss(
     """
     label = np.zeros(problem.n_pixel, int) if label is None else label
     shape, strength = np.full(label.max() + 1, kind.STARTS[0]), np.zeros(label.max() + 1)
-    near = near_half_vector(problem.illumination, theta, view)
-    sample = Sample(problem, near, noise, view)
-    common = _best_score(sample, theta[sample.pixel], kind) if len(sample.pixel) else None
-    if common and common.strength > 0 and common.z > LEAST_Z:
-        shape[:], strength[:], _ = _descend(sample, theta[sample.pixel], kind, common.shape, common.strength)
+    near = near_half_vector(problem.illumination, theta, problem.view)
+    pixel = _some(problem, near)
+    if len(pixel) == 0:
+        return Gloss(kind, shape, strength, label)
+    common, _, glossy = _first_look(problem, pixel, theta, noise, kind)
+    if common.z > LEAST_Z:
+        sample = Sample.of(problem, pixel, kind, noise)
+        shape[:], strength[:], _ = _search(sample, glossy, common.shape, common.strength)
         for c in range(len(shape) if len(shape) > 1 else 0):
-            sample = Sample(problem, near & (label == c), noise, view)
-            if len(sample.pixel):
-                given = shape[c], strength[c]
-                shape[c], strength[c], _ = _descend(sample, theta[sample.pixel], kind, *given, KIND_SIGMA)
+            pixel = _some(problem, near & (label == c))
+            if len(pixel):
+                sample, given = Sample.of(problem, pixel, kind, noise), (shape[c], strength[c], KIND_SIGMA)
+                shape[c], strength[c], _ = _search(sample, theta[pixel], *given)
     return Gloss(kind, shape, strength, label)
 
 
-def sort_materials(reflectance: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Sort pixels into 1..4 kinds by the shape of their spectra.
-
-    The fewest kinds whose scatter is small in most pixels, or at most twice that of four kinds: four kinds of
-    one material only share out its noise.
-
-    Parameters
-    ----------
-    reflectance : (n_pixel, n_band) float
-
-    Returns
-    -------
-    (n_pixel,) int
-        Kinds from 0.
-    """
-    spectrum = reflectance / np.maximum(np.linalg.norm(reflectance, axis=1, keepdims=True), 1e-9)
-    labels, scatters = [], []
-    for k in range(1, MAX_KIND + 1):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # an empty kind is no harm
-            centre, label = kmeans2(spectrum, k, minit="++", seed=seed, iter=30)
-        labels.append(np.unique(label, return_inverse=True)[1])
-        scatters.append(np.quantile(np.sum((spectrum - centre[label]) ** 2, axis=1), MOST))
-        if scatters[-1] <= SAME_SPECTRUM**2:
-            return labels[-1]
-    return next(label for label, s in zip(labels, scatters) if s <= TOO_FEW * scatters[-1])
-
-
-def near_half_vector(illumination, theta: np.ndarray, view=None) -> np.ndarray:
+def near_half_vector(illumination: Illumination, theta: np.ndarray, view=None) -> np.ndarray:
     """Tell which pixels (n_pixel) have their normal near the half vector of an LED."""
-    normal = _normals(theta)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = to_normal(theta)
     view = np.array([0.0, 0.0, 1.0]) if view is None else np.array(view).T
     cosine = np.full(len(normal), -1.0)
     for direction in illumination.direction:
@@ -178,66 +207,42 @@ def near_half_vector(illumination, theta: np.ndarray, view=None) -> np.ndarray:
     return cosine > np.cos(np.radians(NEAR_DEG))
 
 
-def _score(sample: Sample, theta: np.ndarray, kind: type, shape: float) -> Evidence:
-    """Score test of strength 0 against a lobe of that shape."""
-    _, normal, gradient = sample.terms(theta, kind, shape, 0.0)
-    matrix, score, _, coupled = eliminate(normal[:, :-1, :-1], gradient[:, :-1], 1)
-    strength = float(-score.sum() / matrix.sum())
-    z = float(-score.sum() / np.sqrt(np.sum(score**2)))
-    moved = theta[:, :2] - np.clip(strength * coupled[:, :2, 0], -LARGEST_STEP[0], LARGEST_STEP[0])
-    angle = angular_error_deg(_normals(theta), _normals(moved))
-    return Evidence(shape, strength, z, float(angle.mean()))
+def _some(problem: Problem, candidate: np.ndarray) -> np.ndarray:
+    """Choose a sample of the candidates (n_pixel) bool that fired events."""
+    chosen = np.flatnonzero(candidate & (problem.pairs.counts > 0))
+    return chosen[:: max(1, -(-len(chosen) // N_SAMPLE))]
 
 
-def _best_score(sample: Sample, theta: np.ndarray, kind: type) -> Evidence:
-    """Score test over some shapes."""
-    return max((_score(sample, theta, kind, shape) for shape in kind.STARTS), key=lambda e: e.z)
+def _first_look(problem: Problem, pixel: np.ndarray, theta: np.ndarray, noise: float, kind: type):
+    """Compare some lobes with none: gives evidence, and unknowns (n_pixel, n) without and with the best lobe."""
+    lobes = np.array([(kind.STARTS[0], 0.0), *itertools.product(kind.STARTS, STRENGTHS)])
+    n_lobe, n = len(lobes), len(pixel)
+    sample = Sample.of(problem, np.tile(pixel, n_lobe), kind, noise)
+    cost, found = sample.solve(np.tile(theta[pixel], (n_lobe, 1)), *np.repeat(lobes, n, axis=0).T)
+    gain, found = cost[:n] - cost.reshape(n_lobe, n), found.reshape(n_lobe, n, -1)
+    best = 1 + np.argmax(gain[1:].sum(axis=1))
+    z = gain[best].sum() / np.sqrt(np.sum(gain[best] ** 2))
+    error = angular_error_deg(to_normal(found[0]), to_normal(found[best])).mean()
+    return Evidence(*lobes[best].tolist(), float(z), float(error)), found[0], found[best]
 
 
-def _descend(
-    sample: Sample, theta: np.ndarray, kind: type, shape: float, strength: float, sigma=(np.inf, np.inf)
+def _search(
+    sample: Sample, theta: np.ndarray, shape: float, strength: float, sigma: np.ndarray = np.inf
 ) -> tuple[float, float, np.ndarray]:
-    """Fit shape and strength jointly with the pixels' unknowns from start values; gives all three.
+    """Find the lobe of smallest cost, from start values; gives its shape and strength, and the pixels' unknowns.
 
-    `sigma` is that of a prior on the logarithms of strength and shape, centred at the start values.
+    `sigma` is that of a prior on the logarithms of shape and strength, centred at the start values.
     """
-    precision = np.power(sigma, -2.0)
-    lobe, damping = np.log([strength, shape]), 1e-2
-    centre = lobe
+    centre, (low, high) = np.log([shape, strength]), np.log(sample.kind.RANGE)
 
-    def evaluate(theta, lobe):
-        cost, *rest = sample.terms(theta, kind, *np.exp(lobe[::-1]))
-        return cost + 0.5 * precision @ (lobe - centre) ** 2, *rest
+    def cost(lobe):
+        nonlocal theta
+        each, theta = sample.solve(theta, *np.exp(lobe))
+        return each.sum() + 0.5 * np.sum(((lobe - centre) / sigma) ** 2)
 
-    terms = evaluate(theta, lobe)
-    for _ in range(N_STEP):
-        cost, normal, gradient = terms[0], terms[1].copy(), terms[2].copy()
-        strength = np.exp(lobe[0])  # the step is of its logarithm
-        normal[:, -2] *= strength
-        normal[..., -2] *= strength
-        gradient[:, -2] *= strength
-        diagonal = np.arange(normal.shape[1])
-        normal[:, diagonal, diagonal] *= 1 + damping
-        matrix, score, own, coupled = eliminate(normal, gradient, 2)
-        matrix = matrix.sum(axis=0) + np.diag(precision)
-        score = score.sum(axis=0) + precision * (lobe - centre)
-        step = np.clip(-np.linalg.solve(matrix, score), -1.0, 1.0)
-        move = own - coupled @ step
-        limit = np.where(np.arange(move.shape[1]) < 2, *LARGEST_STEP)
-        trial = theta + np.clip(move, -limit, limit)
-        new = lobe + step
-        new[1] = np.clip(new[1], *np.log(kind.RANGE))
-        new_terms = evaluate(trial, new)
-        if new_terms[0] < cost:
-            gain = cost - new_terms[0]
-            theta, lobe, terms, damping = trial, new, new_terms, max(damping * 0.2, 1e-6)
-            if gain < 1e-5 * cost and np.abs(step).max() < 1e-2:
-                break
-        else:
-            damping *= 8
-    return float(np.exp(lobe[1])), float(np.exp(lobe[0])), theta
-
-
-def _normals(theta: np.ndarray) -> np.ndarray:
-    """Give vectors (n_pixel, 3) along the normals of slopes; their length is free."""
-    return np.column_stack([-theta[:, 0], -theta[:, 1], np.ones(len(theta))])
+    simplex = centre + 0.3 * np.array([[0, 0], [1, 0], [0, 1]])
+    options = {"initial_simplex": simplex, "xatol": SETTLED, "fatol": np.inf}
+    bounds = [(low, high), (-np.inf, np.inf)]
+    best = minimize(cost, centre, method="Nelder-Mead", bounds=bounds, options=options).x
+    _, theta = sample.solve(theta, *np.exp(best))
+    return *np.exp(best).tolist(), theta

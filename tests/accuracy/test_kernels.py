@@ -13,7 +13,12 @@ SCENES = REPOSITORY / "scenes"
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("scene", "fitted", "preset"), [("sphere", "sphere", "balanced"), ("relief", "relief_unknown", "fast")]
+    ("scene", "fitted", "preset"),
+    [
+        ("sphere", "sphere", "balanced"),
+        ("glossy_sphere", "glossy_sphere", "balanced"),
+        ("relief", "relief_unknown", "fast"),
+    ],
 )
 def test_another_recording_adds_no_kernel(scene, fitted, preset):
     """With lag, unknown thresholds, priors, and for a relief shadows on the estimated depth, of as many rays."""
@@ -25,7 +30,7 @@ def test_another_recording_adds_no_kernel(scene, fitted, preset):
         recording, _ = evsdr.simulate(ring, seed=next(seeds), thresholds="nominal", rounds=4)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", evsdr.InputWarning)
-            evsdr.fit(surface, recording, evsdr.Settings(preset=preset, gloss="off"))
+            evsdr.fit(surface, recording, evsdr.Settings(preset=preset))
 
     fit()
     fit()  # what only some recordings ask for

@@ -6,7 +6,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence, sort_materials
+from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence
+from evsdr.effects.materials import sort_materials
 from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import load_scene
 from evsdr.model.gloss import GlossyRing, RoughCoating
@@ -119,16 +120,6 @@ def test_materials_have_their_own_lobes():
     right_half, left_half = label[~left][0], label[left][0]
     assert gloss.shape[[right_half, left_half]] == pytest.approx([0.35, 0.12], rel=0.1)
     assert gloss.strength[[right_half, left_half]] == pytest.approx([1.5, 0.5], rel=0.15)
-
-
-def test_materials_are_as_many_as_spectra(rng):
-    spectra = rng.uniform(0.1, 0.8, (4, 8))
-    for n in (1, 2, 3, 4):
-        kind = rng.choice(n, 2000, p=np.arange(n, 0, -1) / sum(range(n + 1)))  # of different sizes
-        noisy = spectra[kind] * rng.uniform(0.3, 1, (2000, 1)) * np.exp(0.03 * rng.normal(size=(2000, 8)))
-        label = sort_materials(noisy)
-        assert label.max() + 1 == n
-        assert all(np.ptp(label[kind == k]) == 0 for k in range(n))
 
 
 def test_gloss_lengthens_the_tails_of_residuals(coated):
