@@ -84,33 +84,23 @@ def directions(
     """
     check_range("--seed", seed, 0)
     ring = open_scene(scene, define)
-    view = view_of(ring)
+    view, light = view_of(ring), nominal_light(ring)
     recording = read_ring_events(events, ring)
-    direction, gain, _ = nominal_light(ring)
-    nominal = direction.mean(axis=1)
-    nominal /= np.linalg.norm(nominal, axis=1, keepdims=True)
+    nominal = light.mean_direction
     outline = _ball_outline(ball, view, recording)
     if ball.surface == "mirror":
-        found, image, residual, fit = _mirror(ball, view, recording, outline, len(nominal), seed)
-        position = position_sigma = noise = None
+        found, image, fit = _mirror(ball, view, recording, outline, len(nominal), seed)
+        position = residual = noise = None
     else:
-        found, image, pairs = _matt(ball, view, recording, outline, nominal, gain.mean(axis=1), ring, seed)
-        fit = fit_result(found.solution, int(np.count_nonzero(pairs)))
+        found, image, fit = _matt(
+            ball, view, recording, outline, nominal, light.gain.mean(axis=1), ring, seed
+        )
+        position, outline = found.position, found.outline
         residual, noise = found.solution.residual, found.solution.noise
-        position, position_sigma = found.position, found.position_sigma
-        outline = found.outline
         if noise <= MISFIT and not (found.sigma_deg < VAGUE_DEG).all():
             raise InputError(f"{events}: too few events to tell the directions; record more rounds.")
-    leds = []
-    for j, led in enumerate(find_leds(flatten(scene, define or {}))):
-        toward = found.direction[j] @ view.frame
-        where = None if position is None else view.point_to_world(position[j])
-        if where is not None and led.get("type") == "directional":
-            center, _ = balls.place_ball(
-                view, outline, ball.radius or 1.0, depth_of_origin(view, ball.center_z)
-            )
-            led = scale_led(led, float(np.sum((position[j] - center) ** 2)))
-        leds.append(place_led(led, toward, where))
+    leds = find_leds(flatten(scene, define or {}))
+    leds = [_moved(led, view, ball, outline, found, position, j) for j, led in enumerate(leds)]
     (folder / "rig.xml").write_text(include_text("LEDs as evsdr.calibrate directions found them.", leds))
     draw.draw_directions(
         folder / "residuals.png", nominal, found.direction, found.sigma_deg, image, residual, noise
@@ -136,19 +126,33 @@ def directions(
     if position is not None:
         for j, entry in enumerate(result["leds"]):
             entry["position"] = view.point_to_world(position[j]).tolist()
-            entry["position_sigma"] = float(position_sigma[j])
-    if ball.surface == "matt":
-        result["ball_outline_sigma_pixels"] = found.outline_sigma.tolist()
-        result["strength"] = {
+            entry["position_sigma"] = float(found.position_sigma[j])
+    return result | (_strength(found) if ball.surface == "matt" else {})
+
+
+def _moved(led, view: View, ball: Ball, outline, found, position, j: int):
+    """Give the element of LED j where it was found."""
+    if position is None:
+        return place_led(led, found.direction[j] @ view.frame, None)
+    if led.get("type") == "directional":
+        depth = depth_of_origin(view, ball.center_z)
+        center, _ = balls.place_ball(view, outline, ball.radius or 1.0, depth)
+        led = scale_led(led, float(np.sum((position[j] - center) ** 2)))
+    return place_led(led, found.direction[j] @ view.frame, view.point_to_world(position[j]))
+
+
+def _strength(found: balls.BallLights) -> dict:
+    """Give what calibration.json holds of a matt ball's outline and of the LEDs' strength."""
+    light = {"value": found.constant_light, "sigma": found.constant_light_sigma}
+    return {
+        "ball_outline_sigma_pixels": found.outline_sigma.tolist(),
+        "strength": {
             "meaning": "power times reflectance of the ball, mean 1",
             "value": found.strength.tolist(),
             "sigma": found.strength_sigma.tolist(),
-        }
-        result["constant_light_in_that_unit"] = {
-            "value": found.constant_light,
-            "sigma": found.constant_light_sigma,
-        }
-    return result
+        },
+        "constant_light_in_that_unit": light,
+    }
 
 
 def _ball_outline(ball: Ball, view: View, recording: Recording) -> np.ndarray:
@@ -169,7 +173,7 @@ def _mirror(ball, view, recording, outline, n_led, seed):
     balls.ball_pixels(view, outline, shape, seed)
     found = find_highlights(view, led_contrast(recording, n_led), outline)
     fit = {"highlight_pixels": found.center.tolist(), "highlight_rms_radius_pixels": found.spread.tolist()}
-    return found, count_events(recording).astype(float), None, fit
+    return found, count_events(recording).astype(float), fit
 
 
 def _matt(ball, view, recording, outline, nominal, gain, ring, seed):
@@ -190,4 +194,4 @@ def _matt(ball, view, recording, outline, nominal, gain, ring, seed):
     else:
         found = balls.solve_far(view, pairs, pixel, outline, nominal, START_RATIO)
     image = draw.pixel_mean(found.solution.residual, pairs.cluster, shape)
-    return found, image, mask
+    return found, image, fit_result(found.solution, int(np.count_nonzero(mask)))

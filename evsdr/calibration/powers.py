@@ -1,6 +1,7 @@
 """`calibrate powers`: read, estimate, write."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,14 @@ from evsdr.calibration import ball as balls
 from evsdr.calibration import chart as colours
 from evsdr.calibration import draw
 from evsdr.calibration import patch as patching
-from evsdr.calibration.equations import collect_pairs, join, thin
-from evsdr.calibration.ring_recording import count_events, fit_result, nominal_light, read_ring_events
+from evsdr.calibration.equations import PairTerms, collect_pairs, join, thin
+from evsdr.calibration.ring_recording import (
+    NominalLight,
+    count_events,
+    fit_result,
+    nominal_light,
+    read_ring_events,
+)
 from evsdr.calibration.scene_text import find_leds, flatten, include_text, scale_led
 from evsdr.errors import InputError, check_range
 from evsdr.files.mask import read_mask
@@ -23,7 +30,7 @@ START_LIGHT = 0.05  # C_w to start from where the scene has none, relative to th
 def powers(
     folder: Path,
     scene: Path,
-    tilts: Sequence[str],
+    patches: Sequence[str],
     reflectance: str = "0.99",
     tilt_sigma_deg: float = 0.5,
     seed: int = 0,
@@ -37,8 +44,8 @@ def powers(
         Gets rig.xml with both, and residuals.png.
     scene : Path
         Scene file with the camera and the calibrated directions.
-    tilts : sequence of str
-        For each `events.h5:nx,ny,nz` with the patch's normal, camera frame, and optionally `:mask.png`.
+    patches : sequence of str
+        For each tilt `events.h5:nx,ny,nz` with the patch's normal, camera frame, and optionally `:mask.png`.
     reflectance : str
         Of the patch: a number, or a CSV of wavelength and reflectance.
     tilt_sigma_deg : float
@@ -50,67 +57,31 @@ def powers(
     if not 0 <= tilt_sigma_deg < 45:
         raise InputError(f"--tilt-sigma-deg is {tilt_sigma_deg:g}; give a standard deviation, 0 to 45.")
     ring = open_scene(scene, define)
-    direction, gain, seen = nominal_light(ring)
+    nominal, power = nominal_light(ring), ring.leds.power
     band_reflectance = _patch_reflectance(reflectance, ring.leds.band_spectrum)[ring.leds.band]
-    patches, parts, numbers, n_point = [], [], [], 0
-    for k, text in enumerate(tilts):
-        path, normal, mask_path = _parse_patch(text)
-        recording = read_ring_events(path, ring)
-        shape = (ring.height, ring.width)
-        mask = (
-            read_mask(mask_path, shape) if mask_path else _inner(balls.firing_mask(count_events(recording)))
-        )
-        if direction.shape[1] > 1:
-            mask = mask & seen
-        if not mask.any():
-            raise InputError(
-                f"{path}: no pixel sees the patch; give a mask, or place the scene's object there."
-            )
-        chosen = mask[seen] if direction.shape[1] > 1 else slice(None)
-        point = n_point + (
-            np.cumsum(mask).reshape(shape) - 1 if direction.shape[1] > 1 else np.zeros(shape, int)
-        )
-        try:
-            parts.append(collect_pairs(recording, mask, point))
-        except InputError as error:
-            raise InputError(
-                f"{path}: {error} A patch that all LEDs light alike fires nothing: put dark slots between "
-                "them."
-            ) from error
-        patches.append(
-            patching.Patch(normal, direction[:, chosen], gain[:, chosen] * band_reflectance[:, None])
-        )
-        numbers.append(np.full(len(parts[-1].change), k))
-        n_point += patches[-1].gain.shape[1]
-    joined = join(parts)
+    tilts, parts = zip(*(_read_tilt(text, ring, nominal, band_reflectance) for text in patches))
+    first = np.cumsum([0, *(tilt.gain.shape[1] for tilt in tilts)])  # number of each tilt's first point
+    joined = join([replace(part, point=part.point + n) for part, n in zip(parts, first)])
     pairs = thin(joined, seed)
-    owner = np.repeat(np.arange(len(patches)), [p.gain.shape[1] for p in patches])[pairs.point]
-    nominal = ring.leds.power
-    start_light = ring.constant_light or START_LIGHT * nominal.mean()
-    found = patching.solve_powers(patches, pairs, nominal, start_light, tilt_sigma_deg)
+    start_light = ring.constant_light or START_LIGHT * power.mean()
+    found = patching.solve_powers(list(tilts), pairs, power, start_light, tilt_sigma_deg)
     leds = [
-        scale_led(led, float(found.power[j] / nominal[j]))
-        for j, led in enumerate(find_leds(flatten(scene, define or {})))
+        scale_led(led, float(factor))
+        for led, factor in zip(find_leds(flatten(scene, define or {})), found.power / power)
     ]
     title = "LED powers and constant light of evsdr.calibrate powers; include it before any other default."
     (folder / "rig.xml").write_text(include_text(title, leds, {"constant_light": found.constant_light}))
-    draw.draw_powers(
-        folder / "residuals.png",
-        nominal,
-        found.power,
-        found.power_sigma,
-        owner,
-        found.solution.residual,
-        found.solution.noise,
-    )
-    result = {
+    owner = np.searchsorted(first, pairs.point, side="right") - 1
+    residual, noise = found.solution.residual, found.solution.noise
+    draw.draw_powers(folder / "residuals.png", power, found.power, found.power_sigma, owner, residual, noise)
+    return {
         "scene": str(scene),
         "unit": "events tell ratios only: the mean power is that of the scene file, C_w is in that unit",
         "constant_light": {"value": found.constant_light, "sigma": found.constant_light_sigma},
         "fit": fit_result(found.solution, len(np.unique(joined.cluster))),
         "leds": [
             {"id": led.get("id"), "power": float(p), "sigma": float(s), "scene_file": float(n)}
-            for led, p, s, n in zip(leds, found.power, found.power_sigma, nominal)
+            for led, p, s, n in zip(leds, found.power, found.power_sigma, power)
         ],
         "tilts": [
             {
@@ -119,10 +90,32 @@ def powers(
                 "change_deg": float(found.tilt_change_deg[k]),
                 "sigma_deg": float(found.tilt_sigma_deg[k]),
             }
-            for k, text in enumerate(tilts)
+            for k, text in enumerate(patches)
         ],
     }
-    return result
+
+
+def _read_tilt(
+    text: str, ring, nominal: NominalLight, band_reflectance: np.ndarray
+) -> tuple[patching.Patch, PairTerms]:
+    """Read one tilt of the patch as the command names it: what its points would give, and its pairs."""
+    path, normal, mask_path = _parse_patch(text)
+    recording, shape = read_ring_events(path, ring), (ring.height, ring.width)
+    mask = read_mask(mask_path, shape) if mask_path else _inner(balls.firing_mask(count_events(recording)))
+    if nominal.near:
+        mask = mask & nominal.mask
+    if not mask.any():
+        raise InputError(f"{path}: no pixel sees the patch; give a mask, or place the scene's object there.")
+    point = np.cumsum(mask).reshape(shape) - 1 if nominal.near else np.zeros(shape, int)
+    try:
+        pairs = collect_pairs(recording, mask, point)
+    except InputError as error:
+        raise InputError(
+            f"{path}: {error} A patch that all LEDs light alike fires nothing: put dark slots between them."
+        ) from error
+    chosen = mask[nominal.mask] if nominal.near else slice(None)
+    gain = nominal.gain[:, chosen] * band_reflectance[:, None]
+    return patching.Patch(normal, nominal.direction[:, chosen], gain), pairs
 
 
 def _inner(mask: np.ndarray) -> np.ndarray:
@@ -142,8 +135,7 @@ def _parse_patch(text: str) -> tuple[Path, np.ndarray, Path | None]:
     except (TypeError, ValueError):
         raise InputError(
             f"{text}: write a patch as events.h5:nx,ny,nz with its normal in the camera frame, nz above 0, "
-            "and "
-            "optionally :mask.png."
+            "and optionally :mask.png."
         ) from None
     return Path(":".join(parts[:at])), normal / length, Path(parts[-1]) if at == len(parts) - 2 else None
 

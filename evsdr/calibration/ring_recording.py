@@ -1,6 +1,7 @@
 """A recording and the scene under whose ring it was made: what calibrations of LEDs share."""
 
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,11 +34,38 @@ def count_events(recording: Recording) -> np.ndarray:
     return np.bincount(where, minlength=height * width).reshape(height, width)
 
 
-def nominal_light(ring) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Give directions (n_led, n, 3), camera frame, fall-off (n_led, n), and where the object is (H, W).
+@dataclass(frozen=True)
+class NominalLight:
+    """The light of a ring as its scene file states it.
 
-    n is 1 for far LEDs, else the number of pixels that see the object.
+    Attributes
+    ----------
+    direction : (n_led, n, 3) float
+        Unit vectors to the LEDs, camera frame; n is 1 for far LEDs, else the number of pixels that see the object.
+    gain : (n_led, n) float
+        Fall-off.
+    mask : (height, width) bool
+        Pixels that see the object.
     """
+
+    direction: np.ndarray
+    gain: np.ndarray
+    mask: np.ndarray
+
+    @property
+    def near(self) -> bool:
+        """Whether LEDs look different from each pixel."""
+        return self.direction.shape[1] > 1
+
+    @property
+    def mean_direction(self) -> np.ndarray:
+        """Mean unit vector (n_led, 3) to each LED."""
+        mean = self.direction.mean(axis=1)
+        return mean / np.linalg.norm(mean, axis=1, keepdims=True)
+
+
+def nominal_light(ring) -> NominalLight:
+    """Trace the light of a scene's ring on its object."""
     from evsdr.light.tracing import trace_illumination
 
     light, coverage = trace_illumination(ring, 1, False)
@@ -52,15 +80,14 @@ def nominal_light(ring) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     gain = [pick(e)[0] / power for e, power in zip(light.irradiance, ring.leds.power)]
     n = max(len(d) for d in direction)
     direction = np.stack([np.broadcast_to(d, (n, 3)) for d in direction])
-    return direction, np.stack([np.broadcast_to(g, (n,)) for g in gain]), mask
+    return NominalLight(direction, np.stack([np.broadcast_to(g, (n,)) for g in gain]), mask)
 
 
 def fit_result(solution, n_pixel: int) -> dict:
     if solution.noise > MISFIT:
         warnings.warn(
             InputWarning(
-                f"the events scatter by {solution.noise:.0%} of a threshold around the model; check order, "
-                "slot_us, "
+                f"the events scatter by {solution.noise:.0%} of a threshold around the model; check order, slot_us, "
                 "triggers, thresholds, and what the camera saw."
             )
         )

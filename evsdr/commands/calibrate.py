@@ -5,7 +5,7 @@ and residuals.png.
 """
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Literal, Union
 
@@ -196,71 +196,42 @@ def command(options: Options) -> None:
 
 def _calibrate(options: Options, folder: Path) -> dict:
     """Read, estimate, write; gives what calibration.json holds."""
-    define = parse_definitions(getattr(options, "define", ()))
+    asked = {"folder": folder, **vars(options)}
+    del asked["out"]
+    if "define" in asked:
+        asked["define"] = parse_definitions(options.define)
     if isinstance(options, (Directions, Powers, Pose)):
         jit.start()  # before what imports Mitsuba
     match options:
         case Directions():
             from evsdr.calibration.leds import Ball, directions
 
-            ball = Ball(
-                options.ball, options.circle, options.mask, options.near, options.radius, options.center_z
-            )
-            return directions(folder, options.scene, options.events, ball, options.seed, define)
+            asked["surface"] = asked.pop("ball")
+            return directions(**_gather("ball", Ball, asked))
         case Powers():
             from evsdr.calibration.powers import powers
 
-            return powers(
-                folder,
-                options.scene,
-                options.patches,
-                options.reflectance,
-                options.tilt_sigma_deg,
-                options.seed,
-                define,
-            )
+            return powers(**asked)
         case Thresholds():
             from evsdr.calibration.thresholds import thresholds
 
-            return thresholds(
-                folder,
-                options.events,
-                options.waveform,
-                options.depth,
-                options.period_us,
-                options.start_us,
-                options.apply,
-            )
+            return thresholds(**asked)
         case Reference():
             from evsdr.calibration.reference import reference
 
-            return reference(
-                folder,
-                options.scene,
-                options.spectra,
-                options.patches,
-                options.reserved,
-                options.white,
-                options.white_reflectance,
-                define,
-            )
+            return reference(**asked)
         case Scale():
             from evsdr.calibration.reference import Patches, scale
 
-            patches = Patches(options.corners, options.rows, options.columns, options.gap, options.labels)
-            return scale(
-                folder, options.maps, options.reference, options.reserved, patches, options.constant_light
-            )
+            return scale(**_gather("patches", Patches, asked))
         case Pose():
             from evsdr.calibration.cad import Cad, pose
 
-            model = Cad(
-                options.mesh,
-                options.points,
-                options.mask,
-                options.maps,
-                options.unit,
-                options.center_z,
-                options.face_normals,
-            )
-            return pose(folder, options.scene, model, options.spp, define)
+            return pose(**_gather("cad", Cad, asked))
+
+
+def _gather(name: str, record: type, asked: dict) -> dict:
+    """Put those arguments that are fields of a record into one, under that name."""
+    inside = {field.name for field in fields(record)}
+    outside = {key: value for key, value in asked.items() if key not in inside}
+    return {name: record(**{key: asked[key] for key in inside}), **outside}

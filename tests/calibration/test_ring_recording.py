@@ -42,11 +42,15 @@ def test_events_are_counted_where_they_are(tmp_path):
 
 
 def test_far_leds_have_one_direction_and_near_ones_one_per_pixel(ring, tmp_path):
-    direction, gain, mask = nominal_light(ring)
-    np.testing.assert_allclose(direction[:, 0], ring_directions(8), atol=1e-5)
-    np.testing.assert_allclose(gain, 1, rtol=1e-5)
+    light = nominal_light(ring)
+    assert not light.near
+    np.testing.assert_allclose(light.direction[:, 0], ring_directions(8), atol=1e-5)
+    np.testing.assert_allclose(light.mean_direction, ring_directions(8), atol=1e-5)
+    np.testing.assert_allclose(light.gain, 1, rtol=1e-5)
     (tmp_path / "near.xml").write_text(scene(light=leds(distance=4.0)))
-    direction, gain, mask = nominal_light(load_scene(tmp_path / "near.xml"))
-    assert direction.shape == (8, mask.sum(), 3) and gain.shape == (8, mask.sum())
-    np.testing.assert_allclose(np.linalg.norm(direction, axis=-1), 1, atol=1e-5)
-    assert np.ptp(gain, axis=1).min() > 0.01
+    light = nominal_light(load_scene(tmp_path / "near.xml"))
+    n = light.mask.sum()
+    assert light.near and light.direction.shape == (8, n, 3) and light.gain.shape == (8, n)
+    for direction in (light.direction, light.mean_direction):
+        np.testing.assert_allclose(np.linalg.norm(direction, axis=-1), 1, atol=1e-5)
+    assert np.ptp(light.gain, axis=1).min() > 0.01
