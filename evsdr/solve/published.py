@@ -19,10 +19,11 @@ from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import led_signals
 from evsdr.solve.loss import relative_residual
 from evsdr.solve.noise import MEDIAN_TO_SIGMA
-from evsdr.solve.pair_data import PairData, ends, signal_table
+from evsdr.solve.pair_data import PairData, ends, every_pair, signal_table
 
 GATE_DEG = 11.88  # half-peak width of a Blinn-Phong lobe of shininess 32 (supplement, eq. 11)
 SMALLEST_NZ = 0.02
+NORMAL = ("nx", "ny", "nz")  # names of its components
 WEIGHT_DECAY = 0.01  # AdamW's usual value; the paper names none
 
 
@@ -63,6 +64,75 @@ class AdamSettings:
     robust: float | None = None
 
 
+@dataclass(frozen=True)
+class Decoder:
+    """What the loss is made of.
+
+    Attributes
+    ----------
+    illumination : Illumination
+    pairs : PairData
+    pair, pixel : UInt32, (n_pair)
+        Number of each pair, and its pixel.
+    half : list of Array3f
+        Half vectors of the LEDs and the camera's axis.
+    per_pixel : Float
+        1 / n_pixel.
+    settings : AdamSettings
+    """
+
+    illumination: Illumination
+    pairs: PairData
+    pair: object
+    pixel: object
+    half: list
+    per_pixel: object
+    settings: AdamSettings
+
+    @classmethod
+    def of(cls, illumination: Illumination, pairs: PairData, settings: AdamSettings) -> "Decoder":
+        """Collect it."""
+        Float, Array3f = type(pairs.phases), type(illumination.direction[0])
+        pair, pixel = every_pair(pairs)
+        dr.make_opaque(pair, pixel)
+        half = [dr.normalize(d + Array3f(0, 0, 1)) for d in illumination.direction]
+        per_pixel = dr.opaque(Float, 1 / dr.width(pairs.threshold_on))
+        return cls(illumination, pairs, pair, pixel, half, per_pixel, settings)
+
+    @property
+    def maps(self) -> list[str]:
+        """Names of the unknowns of each pixel: normal and coefficients."""
+        return [*NORMAL, *(f"a{k}" for k in range(self.settings.rank))]
+
+    def reflectance(self, unknowns: dict) -> list:
+        """Give the reflectance of each band."""
+        Float, UInt32 = type(self.pairs.phases), type(self.pairs.offset)
+        return [
+            sum(
+                unknowns[f"a{k}"] * dr.gather(Float, unknowns[f"b{k}"], UInt32(b))
+                for k in range(self.settings.rank)
+            )
+            for b in range(self.illumination.n_band)
+        ]
+
+    def residuals(self, unknowns: dict):
+        """Give the normals, and residual and threshold of each pair."""
+        normal = dr.normalize(type(self.half[0])(*(unknowns[name] for name in NORMAL)))
+        signal = led_signals(self.illumination, normal, self.reflectance(unknowns))
+        table = signal_table(signal, dr.width(normal))
+        given = self.pairs, self.illumination.constant_light, self.pair, self.pixel
+        return normal, *relative_residual(table, *given, True)
+
+    def gate(self, normal):
+        """Give the weight of each pair: low where the normal is near the half vector of one of its LEDs."""
+        angle = [dr.acos(dr.minimum(dr.dot(normal, h), 1.0)) for h in self.half]
+        depth, width = 1.0 - self.settings.gate_floor, float(np.radians(GATE_DEG))
+        gloss = [depth * dr.exp(-dr.square(x / width)) for x in angle]
+        table = signal_table(gloss, dr.width(normal))
+        start, end, _ = ends(table, self.pairs, self.pair, self.pixel, True)
+        return (1.0 - start) * (1.0 - end)
+
+
 @no_garbage_collection()
 def solve(
     illumination: Illumination,
@@ -96,88 +166,61 @@ def solve(
     normal : (n_pixel, 3) float32
     reflectance : (n_pixel, n_band) float32
     """
-    Float, UInt32 = type(pairs.phases), type(pairs.offset)
-    Array3f = type(illumination.direction[0])
-    rng = np.random.default_rng(seed)
-    n_pixel, n_band, rank = len(pixel), illumination.n_band, settings.rank
-    pair = dr.arange(UInt32, dr.width(pairs.phases) // 2)
-    pixel_of_pair = owned(UInt32, np.repeat(np.arange(n_pixel), pairs.counts))
-    dr.make_opaque(pair, pixel_of_pair)
-    per_pixel = dr.opaque(Float, 1 / n_pixel)
-    half = [dr.normalize(d + Array3f(0, 0, 1)) for d in illumination.direction]
-    place = owned(UInt32, pixel)
-
-    maps = ["nx", "ny", "nz", *(f"a{k}" for k in range(rank))]
-    optimiser = AdamW(
-        settings.rate_reflectance, beta_1=settings.beta[0], beta_2=settings.beta[1], weight_decay=WEIGHT_DECAY
-    )
-    for name, column in zip(maps, start_normal.T):
-        optimiser[name] = owned(Float, column)
-    for k in range(rank):
-        optimiser[f"a{k}"] = Float((0.2 + 0.01 * rng.standard_normal(n_pixel)).astype(np.float32))
-        optimiser[f"b{k}"] = Float(
-            (n_band**-0.5 * (1 + 0.1 * rng.standard_normal(n_band))).astype(np.float32)
-        )
-    optimiser.set_learning_rate(nx=settings.rate_normal, ny=settings.rate_normal, nz=settings.rate_normal)
-
-    def reflectance_of(variables):
-        return [
-            sum(variables[f"a{k}"] * dr.gather(Float, variables[f"b{k}"], UInt32(b)) for k in range(rank))
-            for b in range(n_band)
-        ]
-
-    def gate(normal):
-        """Weight of each pair: low where the normal is near the half vector of one of its LEDs."""
-        angle = [dr.acos(dr.minimum(dr.dot(normal, h), 1.0)) for h in half]
-        gloss = [
-            (1.0 - settings.gate_floor) * dr.exp(-dr.square(x / float(np.radians(GATE_DEG)))) for x in angle
-        ]
-        start, end, _ = ends(signal_table(gloss, n_pixel), pairs, pair, pixel_of_pair, True)
-        return (1.0 - start) * (1.0 - end)
-
-    def residuals():
-        return residuals_at(dict(optimiser.items()))[1]
-
-    def residuals_at(variables):
-        normal = dr.normalize(Array3f(*(variables[name] for name in maps[:3])))
-        table = signal_table(led_signals(illumination, normal, reflectance_of(variables)), n_pixel)
-        return normal, *relative_residual(
-            table, pairs, illumination.constant_light, pair, pixel_of_pair, True
-        )
-
-    @dr.freeze(state_fn=lambda *_: (illumination, pairs, pair, pixel_of_pair, half, per_pixel))
-    def step(optimiser, smooth, width):
-        variables = dict(optimiser.items())
-        normal, u, threshold = residuals_at(variables)
-        trust = dr.rcp(1.0 + dr.square(dr.detach(u) * width))
-        weight = gate(dr.detach(normal)) * trust / dr.sum(trust)  # the blur counts as before
-        loss = dr.sum(weight * dr.square(threshold * u))
-        for name, target in zip(maps, smooth):
-            loss += settings.consistency * dr.sum(dr.square(variables[name] - target)) * per_pixel
-        dr.backward(loss)
-        optimiser.step()
-        constrain(optimiser, rank)
-
+    Float = type(pairs.phases)
+    decoder = Decoder.of(illumination, pairs, settings)
+    optimiser = first_unknowns(decoder, start_normal, seed)
+    place, step = owned(type(pairs.offset), pixel), dr.freeze(_step)
     width = dr.opaque(Float, 0.0)  # of what is down-weighted, inverse; 0 weighs nothing down
     for i in range(settings.n_step):
         if settings.robust and i == settings.n_step // 2:
-            scatter = MEDIAN_TO_SIGMA * float(np.median(np.abs(residuals().numpy())))
+            residual = decoder.residuals(dict(optimiser.items()))[1].numpy()
+            scatter = MEDIAN_TO_SIGMA * float(np.median(np.abs(residual)))
             width = dr.opaque(Float, 1 / (settings.robust * scatter))
-        step(optimiser, blur([dr.detach(optimiser[name]) for name in maps], place, shape, settings), width)
+        maps = [dr.detach(optimiser[name]) for name in decoder.maps]
+        step(optimiser, decoder, blur(maps, place, shape, settings), width)
         dr.eval(optimiser)
         dr.sync_thread()
         progress("AdamW", (i + 1) / settings.n_step)
-    normal = np.stack([optimiser[name].numpy() for name in maps[:3]], axis=-1)
-    reflectance = np.stack([r.numpy() for r in reflectance_of(optimiser)], axis=-1)
+    normal = np.stack([optimiser[name].numpy() for name in NORMAL], axis=-1)
+    reflectance = np.stack([r.numpy() for r in decoder.reflectance(optimiser)], axis=-1)
     return normal, reflectance
+
+
+def first_unknowns(decoder: Decoder, normal: np.ndarray, seed: int) -> AdamW:
+    """Give an optimiser with the unknowns to start from: normals (n_pixel, 3), near-equal coefficients and bases."""
+    settings, rng = decoder.settings, np.random.default_rng(seed)
+    Float, n_band = type(decoder.per_pixel), decoder.illumination.n_band
+    beta_1, beta_2 = settings.beta
+    optimiser = AdamW(settings.rate_reflectance, beta_1=beta_1, beta_2=beta_2, weight_decay=WEIGHT_DECAY)
+    for name, column in zip(NORMAL, normal.T):
+        optimiser[name] = owned(Float, column)
+    for k in range(settings.rank):
+        optimiser[f"a{k}"] = owned(Float, 0.2 + 0.01 * rng.standard_normal(len(normal)))
+        optimiser[f"b{k}"] = owned(Float, n_band**-0.5 * (1 + 0.1 * rng.standard_normal(n_band)))
+    optimiser.set_learning_rate(dict.fromkeys(NORMAL, settings.rate_normal))
+    return optimiser
+
+
+def _step(optimiser: AdamW, decoder: Decoder, smooth: list, width) -> None:
+    """Make one step down the loss, in place."""
+    unknowns, settings = dict(optimiser.items()), decoder.settings
+    normal, u, threshold = decoder.residuals(unknowns)
+    trust = dr.rcp(1.0 + dr.square(dr.detach(u) * width))
+    weight = decoder.gate(dr.detach(normal)) * trust / dr.sum(trust)  # the blur counts as before
+    loss = dr.sum(weight * dr.square(threshold * u))
+    for name, target in zip(decoder.maps, smooth):
+        loss += settings.consistency * dr.sum(dr.square(unknowns[name] - target)) * decoder.per_pixel
+    dr.backward(loss)
+    optimiser.step()
+    constrain(optimiser, settings.rank)
 
 
 def constrain(optimiser, rank: int) -> None:
     """Project in place on n_z > 0, unit normals, reflectance >= 0 and unit bases."""
-    x, y, z = (dr.detach(optimiser[name]) for name in ("nx", "ny", "nz"))
+    x, y, z = (dr.detach(optimiser[name]) for name in NORMAL)
     z = dr.maximum(z, SMALLEST_NZ)
     inverse = dr.rsqrt(x * x + y * y + z * z)
-    for name, component in zip(("nx", "ny", "nz"), (x, y, z)):
+    for name, component in zip(NORMAL, (x, y, z)):
         optimiser[name] = component * inverse
     for k in range(rank):
         basis = dr.maximum(dr.detach(optimiser[f"b{k}"]), 1e-6)
