@@ -1,5 +1,6 @@
 """What a camera's file holds before it is joined with the ring: events, edges of the trigger inputs, size."""
 
+import re
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +11,8 @@ from evsdr.errors import InputError, InputWarning
 from evsdr.records import Events
 
 OUTSIDE_SHARE = 0.01  # of the events; with more outside the sensor, its size must be wrong
+EVENT_FIELDS = {"x": np.uint16, "y": np.uint16, "p": np.int8, "t": np.int64}
+EDGE_FIELDS = {"p": np.int8, "t": np.int64, "id": np.int16}
 LARGEST_STEP_BACK_US = 10_000  # that is sorted; more is not one recording
 
 
@@ -51,6 +54,31 @@ class CameraRecording:
     edges: Edges
 
 
+def read_size(path: Path, text: str, place: str, most: int) -> tuple[int, int]:
+    """Read a sensor's width and height.
+
+    Parameters
+    ----------
+    path : Path
+        Its file, for the sentence.
+    text : str
+        Such as `1280x720`.
+    place : str
+        What of the file should tell it, with its verb: `header does`, `attributes do`.
+    most : int
+        Pixels along either side.
+
+    Raises
+    ------
+    InputError
+        The text is no size.
+    """
+    size = re.fullmatch(r"(\d+)x(\d+)", text)
+    if not size or not all(0 < int(number) <= most for number in size.groups()):
+        raise InputError(f"{path}: its {place} not tell the sensor's size; give it by --sensor-size.")
+    return int(size[1]), int(size[2])
+
+
 def check_recording(path: Path, recording: CameraRecording, n_outside: int = 0) -> CameraRecording:
     """Give a recording in time order whose events lie inside the sensor.
 
@@ -87,7 +115,7 @@ def check_recording(path: Path, recording: CameraRecording, n_outside: int = 0) 
     if n_event == 0:
         raise InputError(f"{path}: it holds no events; record again with the lens open and the ring on.")
     if n_outside:
-        _warn(f"{path}: {n_outside:,} events outside the sensor of {width} x {height} pixels are left out.")
+        warn(f"{path}: {n_outside:,} events outside the sensor of {width} x {height} pixels are left out.")
     if (events.t[1:] < events.t[:-1]).any():
         events = _sort(path, events)
     order = np.argsort(edges.t, kind="stable")
@@ -132,7 +160,7 @@ def _sort(path: Path, events: Events) -> Events:
             "the file is damaged, or several recordings in one: record again."
         )
     n_back = np.count_nonzero(step < 0)
-    _warn(f"{path}: time steps back {n_back:,} times, by {-step[k]} us at most; the events are sorted.")
+    warn(f"{path}: time steps back {n_back:,} times, by {-step[k]} us at most; the events are sorted.")
     return _select(events, np.argsort(events.t, kind="stable"))
 
 
@@ -140,5 +168,6 @@ def _select(events: Events, which: np.ndarray | slice) -> Events:
     return Events(events.x[which], events.y[which], events.p[which], events.t[which])
 
 
-def _warn(sentence: str) -> None:
+def warn(sentence: str) -> None:
+    """Warn of a file that is read nevertheless."""
     warnings.warn(InputWarning(sentence), stacklevel=3)

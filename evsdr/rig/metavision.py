@@ -5,7 +5,6 @@
 package brings this filter.
 """
 
-import re
 from pathlib import Path
 
 import h5py
@@ -16,7 +15,14 @@ from evsdr.errors import InputError
 from evsdr.files.events_h5 import EVENT_DTYPE
 from evsdr.records import Events
 from evsdr.rig import ecf
-from evsdr.rig.camera_file import CameraRecording, Edges, check_recording
+from evsdr.rig.camera_file import (
+    EDGE_FIELDS,
+    EVENT_FIELDS,
+    CameraRecording,
+    Edges,
+    check_recording,
+    read_size,
+)
 
 
 def read_hdf5(path: str | Path, size: tuple[int, int] | None = None) -> CameraRecording:
@@ -42,29 +48,22 @@ def read_hdf5(path: str | Path, size: tuple[int, int] | None = None) -> CameraRe
     path = Path(path)
     try:
         with h5py.File(path, "r") as file:
-            width, height = size or _read_size(path, file)
-            events = Events(
-                *_read_fields(path, file, "CD/events", {"x": "u2", "y": "u2", "p": "i1", "t": "i8"})
-            )
-            edges = Edges(np.empty(0, np.int8), np.empty(0, np.int64), np.empty(0, np.int16))
+            width, height = size or read_size(path, _geometry(file), "attributes do", 65536)
+            events = Events(*_read_fields(path, file, "CD/events", EVENT_FIELDS))
+            edges = Edges(*(np.empty(0, kind) for kind in EDGE_FIELDS.values()))
             if "EXT_TRIGGER/events" in file:
-                fields = {"p": "i1", "t": "i8", "id": "i2"}
-                edges = Edges(*_read_fields(path, file, "EXT_TRIGGER/events", fields))
+                edges = Edges(*_read_fields(path, file, "EXT_TRIGGER/events", EDGE_FIELDS))
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:  # all that h5py makes of damage
         raise InputError(f"{path}: the HDF5 file is damaged or cut short; copy it again.") from error
     return check_recording(path, CameraRecording(width, height, events, edges))
 
 
-def _read_size(path: Path, file: h5py.File) -> tuple[int, int]:
+def _geometry(file: h5py.File) -> str:
     text = file.attrs.get("geometry", f"{file.attrs.get('width')}x{file.attrs.get('height')}")
-    text = text.decode("latin-1") if isinstance(text, bytes) else str(text)  # bytes where of fixed length
-    geometry = re.fullmatch(r"(\d+)x(\d+)", text)
-    if not geometry or not all(0 < int(number) <= 65536 for number in geometry.groups()):
-        raise InputError(f"{path}: its attributes do not tell the sensor's size; give it by --sensor-size.")
-    return int(geometry[1]), int(geometry[2])
+    return text.decode("latin-1") if isinstance(text, bytes) else str(text)  # bytes where of fixed length
 
 
-def _read_fields(path: Path, file: h5py.File, name: str, kinds: dict[str, str]) -> list[np.ndarray]:
+def _read_fields(path: Path, file: h5py.File, name: str, kinds: dict[str, type]) -> list[np.ndarray]:
     """Read a list of records; give its fields as arrays of these types, `p` 0 or 1."""
     dataset = file.get(name)
     dtype = getattr(dataset, "dtype", np.dtype("i4"))
@@ -101,9 +100,10 @@ def _read_fields(path: Path, file: h5py.File, name: str, kinds: dict[str, str]) 
 def _read_ecf(path: Path, dataset: h5py.Dataset) -> dict[str, np.ndarray]:
     """Decode the chunks of a dataset one by one."""
     n, room = len(dataset), dataset.chunks[0]
-    kinds = {"x": np.uint16, "y": np.uint16, "p": np.int8, "t": np.int64}
-    columns = {field: np.empty(n, kind) for field, kind in kinds.items()}
-    chunk = {field: np.empty(room + ecf.SPARE, kind) for field, kind in kinds.items()}
+    columns, chunk = (
+        {field: np.empty(size, kind) for field, kind in EVENT_FIELDS.items()}
+        for size in (n, room + ecf.SPARE)
+    )
     for start in range(0, n, room):
         left_out, data = dataset.id.read_direct_chunk((start,))
         count = min(room, n - start)

@@ -1,15 +1,21 @@
 """Read Prophesee RAW files: a header in text, then words of EVT 2.0, EVT 2.1 or EVT 3.0."""
 
-import re
-import warnings
 from pathlib import Path
 
 import numpy as np
 
-from evsdr.errors import InputError, InputWarning
+from evsdr.errors import InputError
 from evsdr.records import Events
 from evsdr.rig import evt_words as kernel
-from evsdr.rig.camera_file import CameraRecording, Edges, check_recording
+from evsdr.rig.camera_file import (
+    EDGE_FIELDS,
+    EVENT_FIELDS,
+    CameraRecording,
+    Edges,
+    check_recording,
+    read_size,
+    warn,
+)
 
 WORDS = {"EVT2": np.dtype("<u4"), "EVT21": np.dtype("<u8"), "EVT3": np.dtype("<u2")}
 HEADER_SIZE = 1 << 16  # bytes in which a header ends
@@ -46,7 +52,7 @@ def read_raw(path: str | Path, size: tuple[int, int] | None = None) -> CameraRec
     path = Path(path)
     fields, start = _read_header(path)
     name, options = _read_format(path, fields)
-    width, height = size or _read_size(path, fields, options)
+    width, height = size or read_size(path, _geometry(fields, options), "header does", 2048)
     words = np.fromfile(path, WORDS[name], offset=start)
     if not len(words):
         raise InputError(f"{path}: nothing follows its header; record again.")
@@ -62,10 +68,10 @@ def read_raw(path: str | Path, size: tuple[int, int] | None = None) -> CameraRec
     recording = CameraRecording(width, height, events, edges)
     recording = check_recording(path, recording, int(count[kernel.N_OUTSIDE]))
     if n_unknown:
-        _warn(f"{path}: {n_unknown} of its words are unknown and left out; it is slightly damaged.")
+        warn(f"{path}: {n_unknown} of its words are unknown and left out; it is slightly damaged.")
     left_over = (path.stat().st_size - start) % WORDS[name].itemsize
     if left_over:
-        _warn(f"{path}: its last word is cut short, so its last {left_over} bytes are left out.")
+        warn(f"{path}: its last word is cut short, so its last {left_over} bytes are left out.")
     return recording
 
 
@@ -104,12 +110,8 @@ def _read_format(path: Path, fields: dict[str, str]) -> tuple[str, dict[str, str
     return name, {"endianness": fields["endianness"], **options} if "endianness" in fields else options
 
 
-def _read_size(path: Path, fields: dict[str, str], options: dict[str, str]) -> tuple[int, int]:
-    geometry = re.fullmatch(r"(\d+)x(\d+)", fields.get("geometry", ""))
-    width, height = geometry.groups() if geometry else (options.get("width", ""), options.get("height", ""))
-    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 2048 and 0 < int(height) <= 2048):
-        raise InputError(f"{path}: its header does not tell the sensor's size; give it by --sensor-size.")
-    return int(width), int(height)
+def _geometry(fields: dict[str, str], options: dict[str, str]) -> str:
+    return fields.get("geometry", f"{options.get('width')}x{options.get('height')}")
 
 
 def _has_swapped_halves(path: Path, words: np.ndarray, endianness: str | None) -> bool:
@@ -128,8 +130,8 @@ def _has_swapped_halves(path: Path, words: np.ndarray, endianness: str | None) -
 
 def _decode(name: str, words: np.ndarray, width: int, height: int) -> tuple[np.ndarray, Events, Edges]:
     def run(n_event: int, n_trigger: int) -> tuple[np.ndarray, list[np.ndarray]]:
-        arrays = [np.empty(n_event, dtype) for dtype in (np.uint16, np.uint16, np.int8, np.int64)]
-        arrays += [np.empty(n_trigger, dtype) for dtype in (np.int8, np.int64, np.int16)]
+        arrays = [np.empty(n_event, kind) for kind in EVENT_FIELDS.values()]
+        arrays += [np.empty(n_trigger, kind) for kind in EDGE_FIELDS.values()]
         if name == "EVT3":
             return kernel.decode_evt3(words, width, height, *arrays), arrays
         return kernel.decode_evt2(words, name == "EVT21", width, height, *arrays), arrays
@@ -140,7 +142,3 @@ def _decode(name: str, words: np.ndarray, width: int, height: int) -> tuple[np.n
     if n_event > room[0] or n_trigger > room[1]:
         count, arrays = run(n_event, n_trigger)
     return count, Events(*(a[:n_event] for a in arrays[:4])), Edges(*(a[:n_trigger] for a in arrays[4:]))
-
-
-def _warn(sentence: str) -> None:
-    warnings.warn(InputWarning(sentence), stacklevel=3)
