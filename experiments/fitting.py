@@ -52,7 +52,7 @@ def _compare(scene: str, size: int, sensor: list[str], ways: dict[str, list[str]
     file, define = str(SCENES / f"{scene}.xml"), ["-D", f"size={size}"]
     with tempfile.TemporaryDirectory() as folder:
         noisy = ["--ideal", "--pixel.event-noise", "0.1", *sensor]
-        _run("evsdr.simulate", [file, "--out", folder, *define, *noisy])
+        run("evsdr.simulate", [file, "--out", folder, *define, *noisy])
         table = Table(
             "", "seconds", "of these solving", "ratio", "MiB", "mean angle [deg]", "RMSE", "SAM [deg]"
         )
@@ -60,7 +60,7 @@ def _compare(scene: str, size: int, sensor: list[str], ways: dict[str, list[str]
         for name, options in ways.items():
             out = f"{folder}/{name}"
             truth = ["--truth", f"{folder}/truth.npz"]
-            seconds, memory = _run(
+            seconds, memory = run(
                 "evsdr.fit", [file, f"{folder}/events.h5", "--out", out, *truth, *define, *options]
             )
             summary = json.loads(Path(out, "summary.json").read_text())
@@ -77,12 +77,22 @@ def _compare(scene: str, size: int, sensor: list[str], ways: dict[str, list[str]
     Console().print(table)
 
 
-def _run(module: str, arguments: list[str]) -> tuple[float, float]:
-    """Run a command as a process of its own; gives its wall time [s] and peak memory [MiB]."""
+def run(module: str, arguments: list[str], home: str | None = None) -> tuple[float, float]:
+    """Run a command as a process of its own, in another home folder if one is given.
+
+    Returns
+    -------
+    seconds : float
+        Wall time.
+    memory : float
+        At its peak [MiB].
+    """
+    env = os.environ | ({} if home is None else {"HOME": home})
     start = time.perf_counter()
-    process = subprocess.Popen([sys.executable, "-m", module, *arguments], stdout=subprocess.DEVNULL)
+    process = subprocess.Popen([sys.executable, "-m", module, *arguments], stdout=subprocess.DEVNULL, env=env)
     _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
     if status:
-        raise RuntimeError(f"{module} ended with status {os.waitstatus_to_exitcode(status)}")
+        raise RuntimeError(f"{module} ended with status {process.returncode}")
     per_mib = 2**20 if sys.platform == "darwin" else 2**10
     return time.perf_counter() - start, usage.ru_maxrss / per_mib

@@ -222,7 +222,7 @@ def _first_look(problem: Problem, pixel: np.ndarray, theta: np.ndarray, noise: f
     gain, found = cost[:n] - cost.reshape(n_lobe, n), found.reshape(n_lobe, n, -1)
     best = 1 + np.argmax(gain[1:].sum(axis=1))
     z = gain[best].sum() / np.sqrt(np.sum(gain[best] ** 2))
-    error = angular_error_deg(to_normal(found[0]), to_normal(found[best])).mean()
+    error = angular_error_deg(to_normal(found[0]), to_normal(found[best])).mean() if z > 0 else 0.0
     return Evidence(*lobes[best].tolist(), float(z), float(error)), found[0], found[best]
 
 
