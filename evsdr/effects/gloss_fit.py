@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import drjit as dr
 import numpy as np
-from scipy.optimize import minimize
 
 from evsdr.metrics import angular_error_deg
 from evsdr.model.arrays import columns, owned
@@ -233,6 +232,8 @@ def _search(
 
     `sigma` is that of a prior on the logarithms of shape and strength, centred at the start values.
     """
+    from scipy.optimize import minimize  # late: few scenes are glossy
+
     centre, (low, high) = np.log([shape, strength]), np.log(sample.kind.RANGE)
 
     def cost(lobe):

@@ -3,7 +3,6 @@
 import warnings
 
 import numpy as np
-from scipy.cluster.vq import kmeans2
 
 MAX_KIND = 4  # of material
 TOO_FEW = 2.0  # scatter of too few kinds, relative to that of MAX_KIND
@@ -26,6 +25,8 @@ def sort_materials(reflectance: np.ndarray, seed: int = 0) -> np.ndarray:
     (n_pixel,) int
         Kinds from 0.
     """
+    from scipy.cluster.vq import kmeans2  # late: few scenes are glossy
+
     spectrum = reflectance / np.maximum(np.linalg.norm(reflectance, axis=1, keepdims=True), 1e-9)
     labels, scatters = [], []
     for k in range(1, MAX_KIND + 1):

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from evsdr.errors import InputError
 from evsdr.files.atomic import atomic_path
@@ -127,9 +126,25 @@ def write_mesh(path: str | Path, mesh: SurfaceMesh) -> None:
     InputError
         The file can't be written.
     """
-    colour = None if mesh.colour is None else np.pad(mesh.colour, ((0, 0), (0, 1)), constant_values=255)
-    surface = trimesh.Trimesh(mesh.position, mesh.face, vertex_colors=colour, process=False)
-    surface.vertex_normals = mesh.normal  # after the colours, which would clear them
-    data = trimesh.exchange.ply.export_ply(surface, vertex_normal=True)
+    columns = {"x y z": (mesh.position, "<f4", "float"), "nx ny nz": (mesh.normal, "<f4", "float")}
+    if mesh.colour is not None:
+        columns["red green blue"] = mesh.colour, "u1", "uchar"
+    kinds = [(name, kind) for names, (_, kind, _) in columns.items() for name in names.split()]
+    vertex = np.empty(len(mesh.position), kinds)
+    for names, (values, *_) in columns.items():
+        for name, column in zip(names.split(), values.T):
+            vertex[name] = column
+    face = np.empty(len(mesh.face), [("n", "u1"), ("corner", "<i4", 3)])
+    face["n"], face["corner"] = 3, mesh.face
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(vertex)}",
+        *(f"property {word} {name}" for names, (*_, word) in columns.items() for name in names.split()),
+        f"element face {len(face)}",
+        "property list uchar int vertex_indices",
+        "end_header\n",
+    ]
+    data = "\n".join(header).encode() + vertex.tobytes() + face.tobytes()
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)

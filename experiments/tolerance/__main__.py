@@ -1,4 +1,4 @@
-"""`python -m experiments.tolerance`: errors and seconds of fits that end earlier or later."""
+"""`python -m experiments.tolerance`: errors and CPU seconds of fits that end earlier or later."""
 
 import argparse
 
@@ -22,9 +22,7 @@ def main(argv: list[str] | None = None) -> None:
 
 def table(title: str, found: dict[float, list[Result]]) -> Table:
     """Lay out means over the recordings, and how their angles scatter."""
-    out = Table(
-        "tolerance", "mean angle [deg]", "scatter", "RMSE", "steps", "settled", "seconds", title=title
-    )
+    out = Table("tolerance", "mean angle [deg]", "scatter", "RMSE", "steps", "settled", "CPU s", title=title)
     for tolerance, results in found.items():
         angle, rmse, steps, seconds = np.array([[r.mae_deg, r.rmse, r.n_step, r.seconds] for r in results]).T
         settled = sum(r.result == "settled" for r in results)
