@@ -6,8 +6,9 @@ It goes through time in small steps, one pixel after the other, and has what pub
   one threshold, events that are lost while a pixel rests;
 - v2e (Hu, Liu, Delbruck 2021): a photoreceptor of one pole whose speed follows the light and a dark term,
   thresholds that differ from pixel to pixel, leak, noise events that are rarer in bright light;
-- IEBCS (Joubert, Marcireau, Ralph, Jolley, van Schaik, Cohen 2021): latency with jitter, thresholds drawn anew at
-  each event, a reference memorised when the pixel is reset, noise events by measured rates that reset it, read-out;
+- IEBCS (Joubert, Marcireau, Ralph, Jolley, van Schaik, Cohen 2021): latency with jitter, thresholds drawn
+  anew at each event, a reference memorised when the pixel is reset, noise events by measured rates that reset
+  it, read-out;
 - DVS-Voltmeter (Lin, Ma, Guo, Wen 2022): Brownian motion with drift, events at its first passage;
 - EventPS (Yu, Ren, Han, Wang, Liang, Shi 2024): thresholds with uniform noise.
 """
@@ -52,8 +53,8 @@ class ForeignPixel(NamedTuple):
         Photo-electrons at I = 1; 0 for no shot noise. It passes the poles.
     walk_shot, walk_floor : float
         Brownian motion of the log light, walk_shot sqrt(I) / (I + dark) + walk_floor [1 / sqrt(us)].
-    leak_per_us : float
-        Drift of the log light.
+    leak_per_us, leak_of_light : float
+        Drift of the log light [1/us], leak_per_us + leak_of_light I.
     noise_on_hz, noise_off_hz : float
         Noise events of a pixel, on average over the pixels.
     noise_spread : float
@@ -89,6 +90,7 @@ class ForeignPixel(NamedTuple):
     walk_shot: float = 0.0
     walk_floor: float = 0.0
     leak_per_us: float = 0.0
+    leak_of_light: float = 0.0
     noise_on_hz: float = 0.0
     noise_off_hz: float = 0.0
     noise_spread: float = 0.0
@@ -103,8 +105,11 @@ class ForeignPixel(NamedTuple):
     clock_us: int = 1
 
 
+KINDS = tuple(type(value) for value in ForeignPixel())
+
+
 class ForeignEvents(NamedTuple):
-    """Events in order of time (x, y, p 0 or 1, t), and the starts of rounds, all by the pixel's clock [us]."""
+    """Events in order of time (x, y, p 0 or 1, t), and the starts of rounds, by one clock [us]."""
 
     x: np.ndarray
     y: np.ndarray
@@ -124,9 +129,7 @@ def watch(
     seed: int = 0,
 ) -> ForeignEvents:
     """Let pixels watch a ring; `signal` (n_led, height, width) and the schedule are those of events.h5."""
-    pixel = ForeignPixel(
-        *(type(like)(value) for value, like in zip(pixel, ForeignPixel()))
-    )  # one compilation
+    pixel = ForeignPixel(*(kind(value) for kind, value in zip(KINDS, pixel)))  # numba compiles for each kind
     n_led, height, width = signal.shape
     light = np.zeros((height * width, n_led + 1))
     light[:, :-1] = signal.reshape(n_led, -1).T

@@ -74,8 +74,8 @@ def append(out, n, t_us, polarity):
 def run_pixel(pixel, signal, dark, ring, step_us, n_step, on, off, noise_rates, out):
     """Run one pixel from a settled start; writes (time, polarity) into `out` and gives how many there were.
 
-    `signal` (n_led + 1,) ends with 0, which stands for no LED; `ring` holds for each step of a round two LEDs and
-    the weight of the second.
+    `signal` (n_led + 1,) ends with 0, which stands for no LED; `ring` holds two LEDs for each step of a
+    round, and the weight of the second.
     """
     now, then, fade = ring
     light = dark + signal[now[0]]
@@ -100,7 +100,7 @@ def run_pixel(pixel, signal, dark, ring, step_us, n_step, on, off, noise_rates, 
             strength = pixel.walk_shot * np.sqrt(light - pixel.dark_light) / light + pixel.walk_floor
             variance += strength * strength * step_us
             walk += strength * np.sqrt(step_us) * np.random.normal()
-        walk += pixel.leak_per_us * step_us
+        walk += (pixel.leak_per_us + pixel.leak_of_light * (light - pixel.dark_light)) * step_us
         after = level + walk
 
         while next_noise < end:
@@ -139,7 +139,7 @@ def run_pixel(pixel, signal, dark, ring, step_us, n_step, on, off, noise_rates, 
 
 @njit(parallel=True, cache=True)
 def run_pixels(pixel, signal, dark, ring, step_us, n_step, on, off, noise_rates, seed, out):
-    """Run pixels of `signal` (n_pixel, n_led + 1); `out` (n_pixel, most, 2); gives how many events each had."""
+    """Run pixels of `signal` (n_pixel, n_led + 1); `out` (n_pixel, most, 2); gives how many each had."""
     count = np.zeros(len(signal), np.int64)
     for i in prange(len(signal)):
         np.random.seed(seed + i)  # of this thread, so that threads don't matter

@@ -26,7 +26,7 @@ DN = 255  # I = 1 in the grey levels that DVS-Voltmeter and v2e are told in
 
 
 class Watched(NamedTuple):
-    """What a pixel watches: 24 LEDs of 8 bands before `sphere.xml`, or of one band as a white LED on a circle."""
+    """What a pixel watches: 24 LEDs of 8 bands before `sphere.xml`, or of one, as a white LED on a circle."""
 
     pixel: ForeignPixel
     slot_us: float = 20_000.0
@@ -37,8 +37,8 @@ class Watched(NamedTuple):
 
 # README of rpg_vid2e: thresholds 0.2, no rest. How far frames are apart is a guess.
 ESIM = ForeignPixel(0.2, 0.2, steps=True, drops=True, frame_us=500)
-# config.py for a DAVIS346, K = (5.265, 20, 1e-4, 1e-7, 5e-9, 1e-5), in volts: a threshold is 1, so K1 is 1 / C;
-# K4 and K5 (leak) are below 1e-7 of a threshold in a microsecond. Shot noise goes with the root of the grey level.
+# Its config.py for a DAVIS346, K = (5.265, 20, 1e-4, 1e-7, 5e-9, 1e-5): gain, dark light, shot noise, leak,
+# leak of light, noise; voltages in thresholds and light in grey levels, so that K1 is 1 / C.
 K1 = 0.00018 * 29250
 VOLTMETER = ForeignPixel(
     1 / K1,
@@ -47,11 +47,13 @@ VOLTMETER = ForeignPixel(
     walk_shot=1e-4 / np.sqrt(DN) / K1,
     walk_floor=1e-5 / K1,
     leak_per_us=1e-7 / K1,
+    leak_of_light=5e-9 * DN / K1,
 )
-# C = 0.15 of an IMX636 at bias_diff -20, up to 20 % more or less at each event; the period of bias_refr -20.
+# C = 0.15 of an IMX636 at bias_diff -20, up to 20 % more or less at each event; the rest of bias_refr -20.
 EVENTPS = ForeignPixel(0.15, 0.15, event_noise=0.2 / 3**0.5, uniform=True, refractory_us=364, frame_us=500)
-# Class defaults of IEBCS: thresholds 0.2 with noise of 0.02, latency, jitter, rest; time constant 40 us at 1 klux as in
-# its example; noise events as in its file for 161 lux (two thirds of the pixels silent, ON only).
+# Class defaults of IEBCS: thresholds 0.2 with noise of 0.02, latency, jitter, rest; time constant 40 us at
+# 1 klux as in its example; noise events as in its file for 161 lux (two thirds of the pixels silent, hardly
+# any OFF).
 IEBCS = ForeignPixel(
     0.2,
     0.2,
@@ -64,8 +66,8 @@ IEBCS = ForeignPixel(
     noise_off_hz=0.002,
     noise_spread=1.0,
 )
-# README of IEBCS: thresholds 0.3 with noise of 0.05, latency 200 us, jitter 50 us, time constant 300 us; noise events as
-# in its file for 0.1 lux. That latency and jitter double at I = 0.1 is a guess.
+# README of IEBCS: thresholds 0.3 with noise of 0.05, latency 200 us, jitter 50 us, time constant 300 us;
+# noise events as in its file for 0.1 lux. That latency and jitter double at I = 0.1 is a guess.
 IEBCS_DIM = ForeignPixel(
     0.3,
     0.3,
@@ -79,8 +81,10 @@ IEBCS_DIM = ForeignPixel(
     noise_off_hz=4.2,
     noise_spread=0.55,
 )
-# Defaults of v2e: thresholds 0.2 with mismatch 0.03, cutoff 300 Hz at (I + 20) / 275 in grey levels, 500 us of rest that
-# only delays, leak 0.01 Hz. Noise events of 1 Hz are between its default (0.001) and `noisy` (5); a quarter at white.
+# Defaults of v2e: thresholds 0.2 with mismatch 0.03, cutoff 300 Hz at (I + 20) / 275 in grey levels, 500 us
+# of rest that only delays, leak 0.01 Hz. Noise events of 1 Hz, a quarter of them at white, are between its
+# default (0.001) and its `noisy` (5). Its logarithm that turns straight below 20 grey levels is left out:
+# no pixel does that.
 V2E = ForeignPixel(
     0.2,
     0.2,
@@ -96,9 +100,9 @@ V2E = ForeignPixel(
     noise_at_white=0.25,
     noise_resets=False,
 )
-# Thresholds, mismatch and rest measured on an EVK4 (IMX636) at default biases; the rest is plausible: 3 kHz at I = 1 and a
-# source follower of 10 us, a dark current of 0.002, noise of 0.01 in log light, read-out of
-# 1 million events a second for this small region.
+# Thresholds, mismatch and rest measured on an EVK4 (IMX636) at default biases. All else is a guess: 3 kHz
+# at I = 1 and a source follower of 10 us, a dark current of 0.002, noise of 0.01 in log light, read-out of
+# a million events a second for this small region.
 EVK4_LIKE = ForeignPixel(
     0.2525,
     0.3795,
@@ -120,7 +124,7 @@ EVK4_LIKE = ForeignPixel(
     patience_us=1000,
     leak_per_us=0.1 * 0.25e-6,
 )
-# Shot noise of 0.03 in log light, an eighth of a threshold, in light that takes 1.2 s to go round.
+# Shot noise of 0.03 in log light, an eighth of a threshold, in light that takes 1.2 s to go round: guesses.
 SLOW = EVK4_LIKE._replace(photons_per_us=10, follower_us=0, mismatch_on=0, mismatch_off=0)
 
 WATCHED = {
@@ -164,8 +168,8 @@ def open_ring(watched: Watched, size: int, constant_light: float):
 def record(watched: Watched, size: int = 48, seed: int = 0, constant_light: float = 0.05):
     """Record a sphere; gives the scene as a fit is told of it, the recording and the truth.
 
-    The recording tells thresholds as one value each, and as rest the time whose change of light is lost. Dark current
-    is constant light to the pixel, and told as such.
+    The recording tells thresholds as one value each, and as rest the time whose change of light is lost.
+    Dark current is constant light to the pixel, and told as such.
     """
     pixel = watched.pixel
     ring = open_ring(watched, size, constant_light + pixel.dark_light)
@@ -208,21 +212,22 @@ def judge(ring, recording: Recording, truth: Truth, **settings) -> Report:
 def main(names: list[str]) -> None:
     """Print the table."""
     evsdr.load_scene(SCENE, size=8)  # starts Mitsuba
-    print(
-        f"{'pixel':15s} events | lm: deg  RMSE  R/true  normals within 1 2 3 sigma  R within | adam: deg  RMSE"
-    )
+    print("pixel, events | lm: deg, RMSE, R / true, % within 1 2 3 sigma: normals, R | adam: deg, RMSE | lag")
     for name in names or WATCHED:
         ring, recording, truth = record(WATCHED[name])
         ours, theirs = judge(ring, recording, truth), judge(ring, recording, truth, solver="adam")
-        shares, r_shares = (
-            " ".join(f"{100 * s:3.0f}" for s in w) for w in (ours.within, ours.reflectance_within)
+        normals, reflectances = (_percent(w) for w in (ours.within, ours.reflectance_within))
+        columns = (
+            f"{name:15s} {len(recording.events):6d}",
+            f"{ours.mae_deg:5.2f} {ours.rmse:.4f} {ours.reflectance_ratio:.3f} {normals}  {reflectances}",
+            f"{theirs.mae_deg:5.2f} {theirs.rmse:.4f}",
+            ours.model.get("photoreceptor lag", ""),
         )
-        print(
-            f"{name:15s} {len(recording.events):6d} | {ours.mae_deg:5.2f} {ours.rmse:.4f} {ours.reflectance_ratio:.3f}"
-            f"  {shares}  {r_shares}  ({ours.known:.2f} known) | {theirs.mae_deg:5.2f} {theirs.rmse:.4f}"
-            f" | lag: {ours.model.get('photoreceptor lag')}",
-            flush=True,
-        )
+        print(" | ".join(columns), flush=True)
+
+
+def _percent(shares: np.ndarray) -> str:
+    return " ".join(f"{100 * share:3.0f}" for share in shares)
 
 
 if __name__ == "__main__":

@@ -13,12 +13,12 @@ from tests.support.foreign_pixel_kernel import NEVER, read_out, receive
 SLOT_US = 20_000.0
 
 
-def ramp(pixel, seed=0, n_pixel=1, brightest=8.0):
-    """Let pixels watch light that grows in a straight line from 1 to `brightest` in one slot, and falls in the next.
+def ramp(pixel, seed=0, n_pixel=1):
+    """Let pixels watch light that grows in a straight line from 1 to 8 in one slot, and falls in the next.
 
     Gives x, polarity and time of what comes in the first.
     """
-    signal = np.repeat([[[0.5]], [[brightest - 0.5]]], n_pixel, axis=2)
+    signal = np.repeat([[[0.5]], [[7.5]]], n_pixel, axis=2)
     events = watch(signal, 0.5, np.arange(2), SLOT_US, 1.0, 1, pixel, seed)
     early = events.t < SLOT_US
     return events.x[early], events.p[early], events.t[early]
@@ -111,7 +111,7 @@ def test_shot_noise_has_the_variance_of_its_photons():
 
 
 def test_first_passage_of_brownian_motion_with_drift():
-    """Which threshold, and when: chance and mean time to leave an interval (Borodin and Salminen 2002, 3.0.4)."""
+    """Which threshold, and when: chance and mean time of leaving an interval (Borodin and Salminen 2002)."""
     drift, sigma, on, off = 2e-6, 1.2e-3, 0.2, 0.3  # per us; a threshold takes about 30 ms
     events = steady(ForeignPixel(on, off, walk_floor=sigma, leak_per_us=drift), light=1.0, seconds=5)
     k = 2 * drift / sigma**2
@@ -121,6 +121,14 @@ def test_first_passage_of_brownian_motion_with_drift():
     expected = 100 * 5e6 / mean_us  # the first of a renewal comes at most one mean time late
     assert n == pytest.approx(expected, rel=0.02)
     assert events.p.mean() == pytest.approx(up, abs=4 * np.sqrt(up * (1 - up) / n))
+
+
+def test_what_leaks_fires_on_events():
+    """One each C / (leak + leak of light I)."""
+    pixel = ForeignPixel(on=0.2, leak_per_us=1e-6, leak_of_light=4e-6, dark_light=0.3)
+    events = steady(pixel, n_pixel=1, light=0.5)
+    np.testing.assert_allclose(events.t, 0.2 / 3e-6 * np.arange(1, 30), atol=1.01)
+    assert events.p.all()
 
 
 def test_brownian_motion_is_rarer_in_bright_light_when_it_is_shot_noise():
