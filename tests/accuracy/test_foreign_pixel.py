@@ -6,7 +6,7 @@ import pytest
 import evsdr
 from tests.support.foreign_recordings import WATCHED, judge, record
 
-SIZE = 32
+SIZE, SMALL = 32, 24
 # Mean error of the normals [deg] and ratio of reflectance to truth, as now, with room for another seed.
 MILD = {
     "esim": (0.4, 0.02),
@@ -26,14 +26,13 @@ def check(name):
     assert report.within[2] > 0.9
 
 
-@pytest.mark.parametrize("name", ["esim", "iebcs"])
-def test_mild_pixels(name):
-    check(name)
+def test_ideal_pixel():
+    check("esim")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(set(MILD) - {"esim", "iebcs"}))
-def test_other_mild_pixels(name):
+@pytest.mark.parametrize("name", sorted(set(MILD) - {"esim"}))
+def test_mild_pixels(name):
     check(name)
 
 
@@ -41,7 +40,7 @@ def test_other_mild_pixels(name):
 @pytest.mark.parametrize("name", sorted(set(WATCHED) - set(MILD)))
 def test_harsh_pixels_are_explained_better_than_by_the_published_decoder(name):
     """What the fit does not model yet costs it, but less than what the decoder leaves out."""
-    ring, recording, truth = record(WATCHED[name], SIZE)
+    ring, recording, truth = record(WATCHED[name], SMALL)
     ours, theirs = judge(ring, recording, truth), judge(ring, recording, truth, solver="adam")
     assert ours.known > 0.95
     assert ours.mae_deg < theirs.mae_deg

@@ -125,9 +125,9 @@ def test_first_passage_of_brownian_motion_with_drift():
 
 def test_what_leaks_fires_on_events():
     """One each C / (leak + leak of light I)."""
-    pixel = ForeignPixel(on=0.2, leak_per_us=1e-6, leak_of_light=4e-6, dark_light=0.3)
+    pixel = ForeignPixel(on=0.2, leak_per_us=1.05e-6, leak_of_light=4e-6, dark_light=0.3)
     events = steady(pixel, n_pixel=1, light=0.5)
-    np.testing.assert_allclose(events.t, 0.2 / 3e-6 * np.arange(1, 30), atol=1.01)
+    np.testing.assert_allclose(events.t, 0.2 / 3.05e-6 * np.arange(1, 31), atol=1.01)
     assert events.p.all()
 
 
