@@ -1,9 +1,9 @@
-"""Leave out each mechanism of the solver, and each prior, one at a time."""
+"""Leave out each mechanism of the solver, and each prior, one at a time; or halve and double each of its numbers."""
 
 import time
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +87,18 @@ WAYS = {
     **{f"no prior: {name}": without_prior(name) for name in ALL.priors},
     "no priors": replace(ALL, priors=()),
 }
+
+
+def varied(factors=(0.5, 2.0)) -> dict[str, Settings]:
+    """Multiply each number of the solver by factors, one at a time; whole numbers stay whole."""
+    numbers = {field.name: getattr(Tuning(), field.name) for field in fields(Tuning)}
+    ways = {
+        f"{name} {type(value)(value * factor):g}": tuned(**{name: type(value)(value * factor)})
+        for name, value in numbers.items()
+        if type(value) in (int, float)
+        for factor in factors
+    }
+    return {"all": ALL, **ways}
 
 
 @dataclass(frozen=True)
