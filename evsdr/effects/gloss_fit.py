@@ -16,11 +16,13 @@ from evsdr.model.gloss import GlossyRing, RoughCoating
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
 from evsdr.solve.grid import lonely_grid
-from evsdr.solve.levenberg import descend, system_of
+from evsdr.solve.levenberg import descend
+from evsdr.solve.loop import data_of, start_of
 from evsdr.solve.pair_data import thin
 from evsdr.solve.problem import Problem
 from evsdr.solve.solution import Data
-from evsdr.solve.stages import Terms, data_of, start_of
+from evsdr.solve.stages import Terms
+from evsdr.solve.system import system_of
 from evsdr.solve.unknowns import to_normal
 
 N_SAMPLE, MAX_PAIRS = 400, 256  # pixels that stand for all of a kind, and pairs of each

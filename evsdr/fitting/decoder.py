@@ -12,11 +12,11 @@ from evsdr.fitting.settings import Settings
 from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import RingScene
 from evsdr.solve import published, recipes
+from evsdr.solve.loop import data_of, resume, start_of
+from evsdr.solve.loop import solve as run
 from evsdr.solve.pair_data import thin
 from evsdr.solve.problem import Problem
 from evsdr.solve.solution import STEPS_USED_UP, Solution
-from evsdr.solve.stages import data_of, resume, start_of
-from evsdr.solve.stages import solve as run
 from evsdr.solve.unknowns import first_theta, to_theta
 
 DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
@@ -113,9 +113,9 @@ def solve(
         theta = first_theta(
             start_normal.reshape(-1, 3)[problem.pixel], light.n_band, estimate_thresholds, Float
         )
-        start = start_of(data, theta, effort.n_heard)
+        start = start_of(data, theta, effort.n_early)
     else:
-        start = resume(data, before.solution, effort.n_heard)
+        start = resume(data, before.solution, effort.n_early)
     solution = run(data, RECIPES[purpose](effort), start, progress)
     if before is None:
         return solution

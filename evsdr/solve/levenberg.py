@@ -5,7 +5,7 @@ to recording is an argument, and an array. The forward model is a callable; noth
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import drjit as dr
 
@@ -13,9 +13,8 @@ from evsdr.frozen import recorded
 from evsdr.model.illumination import pixel_horizon
 from evsdr.solve import triangles
 from evsdr.solve.loss import Loss, pixel_terms
-from evsdr.solve.pair_data import PairData
 from evsdr.solve.solution import Data, State
-from evsdr.solve.unknowns import Unknowns
+from evsdr.solve.system import PixelSystem, system_of
 
 FIRST_DAMPING = 1e-2
 DAMPING_RANGE = (1e-6, 1e6)
@@ -23,63 +22,13 @@ SHRINK, GROW = 0.25, 6.0  # of the damping after a step that was accepted, or re
 OPEN_SHARE = 0.005  # of the pixels: when fewer still gain, the others are not worth a step of all
 
 
-@dataclass(frozen=True)
-class System:
-    """What the cost of all pixels depends on beside the unknowns.
-
-    Attributes
-    ----------
-    model, constant_light
-        See `solution.Data`.
-    pairs : PairData
-        The pairs that count.
-    noise : Float
-        Standard deviation of the relative residual, of width 1 or n_pixel.
-    softness : Float
-        Of the horizon, of width 1 or n_pixel.
-    spread : list of Float
-        See `solution.State`.
-    loss : Loss
-    unknowns : Unknowns
-    room : Float
-        See `pair_data.room_for`.
-    """
-
-    model: object
-    constant_light: object
-    pairs: PairData
-    noise: object
-    softness: object
-    spread: list
-    loss: Loss
-    unknowns: Unknowns
-    room: object
-
-
-def system_of(data: Data, state: State, loss: Loss, noise=None) -> System:
-    """Collect the system of a state; noise as told, or that of most pixels."""
-    Float = type(data.constant_light)
-    noise = dr.opaque(Float, state.noise) if noise is None else noise
-    return System(
-        data.model,
-        data.constant_light,
-        state.pairs,
-        noise,
-        state.softness,
-        state.spread,
-        loss,
-        data.unknowns(state.theta),
-        data.room,
-    )
-
-
 @recorded
-def evaluate(system: System, theta: list) -> list:
+def evaluate(system: PixelSystem, theta: list) -> list:
     """Give cost, gradient and lower triangle of the Gauss-Newton matrix, weak prior included."""
     return _terms(system, theta)
 
 
-def _terms(system: System, theta: list) -> list:
+def _terms(system: PixelSystem, theta: list) -> list:
     cost, gradient, matrix = pixel_terms(system, theta)
     for i, (t, centre, sigma) in enumerate(zip(theta, *system.unknowns.prior(system.spread))):
         z = (t - centre) / sigma
@@ -90,7 +39,7 @@ def _terms(system: System, theta: list) -> list:
 
 
 @recorded
-def step(system: System, theta: list, terms: list, damping, tolerance):
+def step(system: PixelSystem, theta: list, terms: list, damping, tolerance):
     """Make one step; each pixel keeps what lowers its own cost.
 
     Returns
@@ -141,7 +90,7 @@ def split(terms: list, n: int) -> tuple[list, list]:
 
 
 def descend(
-    system: System,
+    system: PixelSystem,
     theta: list,
     n_step: int,
     tolerance: float,

@@ -109,7 +109,7 @@ class Loss:
 
 
 def system_table(system, theta: list) -> Table:
-    """Lay out what the model of a `levenberg.System` gives for some unknowns, with its derivatives."""
+    """Lay out what the model of a `system.PixelSystem` gives for some unknowns, with its derivatives."""
     reflectance = system.unknowns.reflectance(theta)
     signal, by_p, by_q, *diffuse = system.model(theta[0], theta[1], reflectance, system.softness)
     diffuse = diffuse[0] if diffuse else None
@@ -122,7 +122,7 @@ def pixel_terms(system, theta: list) -> tuple:
 
     Parameters
     ----------
-    system : levenberg.System
+    system : system.PixelSystem
         What is given.
     theta : list of Float
         See `unknowns`.

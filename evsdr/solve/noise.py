@@ -7,10 +7,10 @@ import numpy as np
 
 from evsdr.frozen import recorded
 from evsdr.model.arrays import owned
-from evsdr.solve.levenberg import system_of
 from evsdr.solve.loss import Loss, relative_residual, scaled, system_table
 from evsdr.solve.pair_data import PairData
 from evsdr.solve.solution import Data, State
+from evsdr.solve.system import system_of
 from evsdr.solve.tuning import Tuning
 
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual

@@ -2,20 +2,17 @@
 
 from dataclasses import dataclass, replace
 
+from evsdr.solve.learning import Neighbours, PixelNoise, Respread, ThresholdSpread
 from evsdr.solve.neighbours.posterior import Priors
 from evsdr.solve.stages import (
     ALL_TERMS,
     PAIRS,
+    AllPairs,
     Descend,
-    HearAll,
-    Neighbours,
-    PixelNoise,
-    Respread,
     SoftHorizon,
     Stage,
     Starts,
     Terms,
-    ThresholdSpread,
 )
 from evsdr.solve.tuning import Tuning
 
@@ -31,7 +28,7 @@ class Effort:
     ----------
     tolerance : float
         Gain in log likelihood of a pixel that is worth a step.
-    n_heard : int
+    n_early : int
         Events of a pixel that count until the last stages.
     n_most : int, optional
         Events of a pixel that count at all.
@@ -43,7 +40,7 @@ class Effort:
     """
 
     tolerance: float = 0.1
-    n_heard: int = 64
+    n_early: int = 64
     n_most: int | None = None
     robust: float = 2.0
     priors: Priors | None = Priors()
@@ -92,7 +89,7 @@ def refine(effort: Effort) -> tuple[Stage, ...]:
     terms, tolerance = last_terms(effort), effort.tolerance
     descend = Descend(MOST, tolerance, terms=terms, name="refinement")
     respread = Respread(MOST, tolerance, effort.tuning.fired_lower, terms)
-    return (HearAll(), descend, respread, *soft_horizon(effort, MOST), *know(effort))
+    return (AllPairs(), descend, respread, *soft_horizon(effort, MOST), *know(effort))
 
 
 def soft_horizon(effort: Effort, n_step: int) -> tuple[Stage, ...]:
@@ -104,14 +101,14 @@ def quick(effort: Effort) -> tuple[Stage, ...]:
     """Go on as well as is needed to see where light goes: without silence, event times and neighbours."""
     tolerance = effort.tolerance
     steps = Descend(4, tolerance), Starts(1, 2, tolerance), ThresholdSpread(1, 2, tolerance)
-    last = HearAll(), Descend(4, tolerance, name="refinement")
+    last = AllPairs(), Descend(4, tolerance, name="refinement")
     return (*steps, *last, PixelNoise(PAIRS, None), Neighbours(None, PAIRS))
 
 
 def neighbours(effort: Effort) -> tuple[Stage, ...]:
     """Let neighbours speak of pixels that are solved alone."""
     descend = Descend(0, effort.tolerance, terms=last_terms(effort), name="refinement")
-    return (HearAll(), descend, *soft_horizon(effort, 3), *know(effort))
+    return (AllPairs(), descend, *soft_horizon(effort, 3), *know(effort))
 
 
 def know(effort: Effort) -> tuple[Stage, ...]:
@@ -142,7 +139,7 @@ def trial(tolerance: float = 0.1) -> tuple[Stage, ...]:
         )
     )
     last = Descend(8, tolerance, terms=ALL_TERMS, name="refinement"), Respread(8, tolerance)
-    return (*search, ThresholdSpread(2, 2, tolerance), HearAll(), *last, PixelNoise(), Neighbours(None))
+    return (*search, ThresholdSpread(2, 2, tolerance), AllPairs(), *last, PixelNoise(), Neighbours(None))
 
 
 def alone(effort: Effort) -> Effort:

@@ -12,13 +12,13 @@ from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
 from evsdr.records import Recording
-from evsdr.solve import stages
+from evsdr.solve import loop
 from evsdr.solve.grid import lonely_grid
+from evsdr.solve.loop import data_of, start_of
 from evsdr.solve.pair_data import PairData, pack_phases, pack_slots, thin
 from evsdr.solve.problem import Problem
 from evsdr.solve.recipes import Effort, trial
 from evsdr.solve.solution import Solution
-from evsdr.solve.stages import data_of, start_of
 from evsdr.solve.unknowns import first_theta
 
 N_HEARD, N_MOST = 40, 48  # events of a pixel that count in the search, and at all
@@ -81,7 +81,7 @@ def solve(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresho
     data = data_of(LambertianRing(there), thin(tried, N_MOST), light.constant_light, grid, width)
     frontal = np.tile([0.0, 0.0, 1.0], (n_pixel, 1))
     start = start_of(data, first_theta(frontal, light.n_band, thresholds, Float), N_HEARD)
-    return stages.solve(data, trial(), start)
+    return loop.solve(data, trial(), start)
 
 
 # ---------------------------------------------------------------------- other readings of the events

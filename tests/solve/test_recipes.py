@@ -3,9 +3,10 @@
 import pytest
 
 from evsdr.solve import recipes
+from evsdr.solve.learning import Neighbours, PixelNoise
 from evsdr.solve.neighbours.posterior import Priors
 from evsdr.solve.recipes import Effort
-from evsdr.solve.stages import HearAll, Neighbours, PixelNoise
+from evsdr.solve.stages import AllPairs
 
 ALL = (
     recipes.whole,
@@ -22,7 +23,7 @@ def test_recipes_end_by_saying_how_well_pixels_are_known(recipe):
     """On all events, with one tolerance."""
     stages = recipe(Effort().at(0.3))
     assert isinstance(stages[-2], PixelNoise) and isinstance(stages[-1], Neighbours)
-    assert sum(isinstance(stage, HearAll) for stage in stages) == 1
+    assert sum(isinstance(stage, AllPairs) for stage in stages) == 1
     assert {stage.tolerance for stage in stages if hasattr(stage, "tolerance")} == {0.3}
 
 

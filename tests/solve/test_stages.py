@@ -1,29 +1,17 @@
-"""What the loop over stages promises: how it ends, what it tells, and that it is recorded once for all sizes."""
+"""Stages that move the unknowns: when they end, and what they take over."""
 
 from dataclasses import replace
 
-import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 
 from evsdr.model.lambert import LambertianRing
-from evsdr.solve import levenberg, noise, recipes, stages
-from evsdr.solve.neighbours import posterior, system
-from evsdr.solve.neighbours.posterior import Priors
-from evsdr.solve.pair_data import without
-from evsdr.solve.recipes import Effort
-from evsdr.solve.solution import NO_INFORMATION, SETTLED, STEPS_USED_UP
-from tests.support.sphere import ALONE, errors, solve, sphere_problem
-
-SHORT = (
-    stages.Descend(3, 0.01, 0.3, 0.5),
-    stages.Starts(1, 1, 0.01),
-    stages.HearAll(),
-    stages.Descend(2, 0.01, terms=stages.ALL_TERMS),
-    stages.SoftHorizon(1, 0.01),
-    stages.PixelNoise(),
-    stages.Neighbours(Priors(n_round=1, n_draw=1)),
-)
+from evsdr.solve.loop import data_of, start_of
+from evsdr.solve.solution import SETTLED
+from evsdr.solve.stages import AllPairs, Descend, Starts, silent
+from evsdr.solve.unknowns import first_theta, to_normal
+from tests.support.sphere import ALONE, solve, sphere_problem
 
 
 @pytest.fixture(scope="module")
@@ -31,42 +19,12 @@ def small():
     return sphere_problem(12, event_noise=0.1)
 
 
-def frozen_functions():
-    """List all functions of the solver that are recorded."""
-    modules = levenberg, noise, posterior, system
-    return [f for module in modules for f in vars(module).values() if hasattr(f, "n_recordings")]
-
-
-def test_a_recording_of_another_size_runs_the_same_kernels(small):
-    """Frozen functions replay sizes that they don't get as arguments: growing and shrinking must change nothing."""
-    larger, functions = sphere_problem(20, event_noise=0.1), frozen_functions()
-    assert len(functions) > 10
-    expected = []
-    for problem, _ in (small, larger):
-        for f in functions:
-            f.clear()
-        expected.append(solve(problem, recipe=SHORT))
-    for problems in ((larger, small), (small, larger)):
-        for f in functions:
-            f.clear()
-        found = [solve(problem, recipe=SHORT) for problem, _ in problems]
-        assert max(f.n_recordings for f in functions) <= 4
-        for one, other in zip(found, expected if problems[0] is small else expected[::-1]):
-            assert np.median(np.abs(one.theta - other.theta)) < 1e-4
-            assert np.median(np.abs(one.covariance / other.covariance - 1)) < 0.01
-
-
-def test_another_recording_compiles_nothing(small):
-    """What is learnt reaches kernels as arrays."""
-    other = sphere_problem(12, event_noise=0.1, seed=7)[0]
-    for thresholds in (False, True):
-        solve(small[0], Effort(), thresholds=thresholds)
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history()
-            solve(other, Effort(), thresholds=thresholds)
-            kernels = [kernel for kernel in dr.kernel_history() if "hash" in kernel]
-        assert len(kernels) > 100
-        assert all(kernel["cache_hit"] for kernel in kernels)
+def given(problem, n_early=None):
+    """The data of a problem, and a start with frontal normals."""
+    light = problem.illumination
+    data = data_of(LambertianRing(light), problem.pairs, light.constant_light, problem.grid, 2.0)
+    frontal = np.tile([0.0, 0.0, 1.0], (problem.n_pixel, 1))
+    return data, start_of(data, first_theta(frontal, light.n_band, False, mi.Float), n_early)
 
 
 def test_stages_end_by_tolerance(small):
@@ -77,40 +35,26 @@ def test_stages_end_by_tolerance(small):
     assert exact.cost.mean() < rough.cost.mean()
 
 
-def test_steps_that_are_used_up_are_told(small):
-    descend = stages.Descend(1, 0.1, 0.3, 0.5)
-    short = solve(small[0], recipe=(descend, stages.HearAll(), descend, *recipes.know(ALONE)))
-    assert short.result == STEPS_USED_UP
-    assert [passed.steps for passed in short.history] == [1, 0, 1, 0, 0]
-    assert short.n_step == 2 and short.history[2].open > 0.5
-
-
-def test_pixels_without_pairs_are_no_information(small):
-    problem, _ = small
-    nothing = without(problem.pairs, np.ones(problem.n_pixel, bool))
-    solution = solve(replace(problem, pairs=nothing), recipe=SHORT)
-    assert solution.result == NO_INFORMATION
-    assert np.isfinite(solution.theta).all() and np.isfinite(solution.covariance).all()
-
-
-def test_history_tells_the_stages(small):
-    solution = solve(small[0], ALONE)
-    names = [passed.stage for passed in solution.history]
-    assert names[:2] == ["descent"] * 2 and names[-2:] == ["noise", "neighbours"]
-    assert sum(passed.steps for passed in solution.history) == solution.n_step
-    assert all(passed.seconds >= 0 for passed in solution.history)
-    costs = [p.mean_cost for p in solution.history if p.stage in ("refinement", "soft horizon")]
-    assert costs[1] <= costs[0] + 1e-3
-
-
-def test_a_solve_goes_on_from_a_solution(small):
-    """With thresholds too; nothing is left to do."""
+def test_a_stuck_pixel_takes_over_what_its_neighbours_found(small):
     problem, truth = small
-    light = problem.illumination
-    found = solve(problem, ALONE.at(0.01), thresholds=True)
-    given = problem.pairs, light.constant_light, problem.grid, ALONE.width(True)
-    data = stages.data_of(LambertianRing(light), *given)
-    again = stages.solve(data, recipes.neighbours(ALONE), stages.resume(data, found))
-    assert again.threshold_prior == pytest.approx(found.threshold_prior)
-    assert np.median(np.abs(again.theta - found.theta)) < 1e-3
-    assert errors(again, truth)[0].mean() == pytest.approx(errors(found, truth)[0].mean(), rel=0.05)
+    data, start = given(problem)
+    state = Descend(30, 0.01, softness=0.3)(data, start, silent)
+    state = Descend(30, 0.01)(data, state, silent)
+    row = int(np.argmax(truth[:, 2]))  # frontal
+    theta = np.stack([t.numpy() for t in state.theta])
+    theta[:2, row] = 20.0, 0.0  # grazing: no LED there is lit, and no descent leads back
+    stuck = replace(state, theta=[mi.Float(t) for t in theta])
+    stuck = Descend(0, 0.01)(data, stuck, silent)
+    healed = Starts(1, 5, 0.01)(data, stuck, silent)
+    angle = [
+        np.degrees(np.arccos(to_normal(np.stack([t.numpy() for t in s.theta], -1))[row] @ truth[row]))
+        for s in (stuck, healed)
+    ]
+    assert angle[0] > 60 and angle[1] < 5
+    assert (healed.terms[0].numpy() <= stuck.terms[0].numpy()).all()
+
+
+def test_all_pairs_count_after_the_search(small):
+    data, start = given(small[0], n_early=5)
+    assert start.pairs.counts.max() == 5
+    assert AllPairs()(data, start, silent).pairs.counts.max() == data.pairs.counts.max() > 5

@@ -10,10 +10,11 @@ from evsdr.metrics import angular_error_deg
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
 from evsdr.records import Recording, Schedule, Sensor
-from evsdr.solve import recipes, stages
+from evsdr.solve import loop, recipes
+from evsdr.solve.learning import Neighbours, PixelNoise
 from evsdr.solve.problem import make_problem
 from evsdr.solve.recipes import Effort
-from evsdr.solve.stages import PAIRS, Descend, HearAll, Neighbours, PixelNoise, Starts
+from evsdr.solve.stages import PAIRS, AllPairs, Descend, Starts
 from evsdr.solve.unknowns import first_theta
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
 
@@ -22,7 +23,7 @@ ALONE = Effort(priors=None)  # each pixel by itself
 PAIRS_ALONE = (  # without silence, event times, and noise of single pixels
     *(Descend(30, 0.01, softness) for softness in (0.3, 0.1, 0.03, 0.01, None)),
     Starts(1, 3, 0.01),
-    HearAll(),
+    AllPairs(),
     Descend(30, 0.01),
     PixelNoise(PAIRS, None),
     Neighbours(None, PAIRS),
@@ -69,11 +70,11 @@ def solve(problem, effort=ALONE, start=None, thresholds=False, model=None, recip
     """Solve from frontal normals by the recipe of an effort; the surface is matt by default."""
     light, model = problem.illumination, model or LambertianRing(problem.illumination)
     given = problem.pairs, light.constant_light, problem.grid, effort.width(thresholds)
-    data = stages.data_of(model, *given)
+    data = loop.data_of(model, *given)
     frontal = np.tile([0.0, 0.0, 1.0], (problem.n_pixel, 1))
     start = start or first_theta(frontal, light.n_band, thresholds, mi.Float)
     recipe = recipe or recipes.whole(effort)
-    return stages.solve(data, recipe, stages.start_of(data, start, effort.n_heard))
+    return loop.solve(data, recipe, loop.start_of(data, start, effort.n_early))
 
 
 def errors(solution, truth, spectrum=SPECTRUM):

@@ -1,0 +1,147 @@
+"""Stages of a solve that learn numbers from the pixels: thresholds' spread, noise, and what neighbours have in common."""
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import numpy as np
+
+from evsdr.model.arrays import owned
+from evsdr.solve import triangles
+from evsdr.solve.levenberg import descended, evaluate, split
+from evsdr.solve.neighbours.posterior import Priors, find_posterior
+from evsdr.solve.noise import IGNORED, measured, noise_factors, scatter_of
+from evsdr.solve.pair_data import without
+from evsdr.solve.stages import ALL_TERMS, Terms, silent, softness_at
+from evsdr.solve.system import system_of
+from evsdr.solve.threshold_spread import MOVING_SPREAD, learn_spread
+from evsdr.solve.tuning import Tuning
+from evsdr.solve.unknowns import fill
+
+MEAN_SETTLED = 0.002  # change of the mean log thresholds in a round
+
+
+@dataclass(frozen=True)
+class ThresholdSpread:
+    """Find how unknown thresholds are distributed over the pixels.
+
+    Attributes
+    ----------
+    n_round : int
+        Rounds of expectation maximisation at most; they end when both means have settled.
+    n_step : int
+        Descent of each round.
+    tolerance : float
+        See `Descend`; also the change of a mean, relative to the spread, that is worth a round.
+    """
+
+    n_round: int
+    n_step: int
+    tolerance: float
+    terms: Terms = ALL_TERMS
+    name: str = "thresholds"
+
+    def __call__(self, data, state, progress):
+        if not state.spread:
+            return state
+        for round_ in range(self.n_round):
+            state = measured(data, state)
+            state = descended(data, state, self.terms.loss(data), self.n_step, self.tolerance, silent)
+            _, matrix = split(state.terms, len(state.theta))
+            spread = learn_spread(state.theta, matrix, state.spread, MOVING_SPREAD)
+            moved = max(abs(float(a[0] - b[0])) for a, b in zip(spread[:2], state.spread[:2]))
+            state = replace(state, spread=spread)
+            progress(self.name, (round_ + 1) / self.n_round)
+            if moved < MEAN_SETTLED:
+                break
+        return state
+
+
+@dataclass(frozen=True)
+class Respread:
+    """Take the distribution of unknown thresholds from all events, and descend on it.
+
+    Attributes
+    ----------
+    n_step, tolerance
+        See `Descend`.
+    fired_lower : float
+        See `Tuning`.
+    terms : Terms
+    """
+
+    n_step: int
+    tolerance: float
+    fired_lower: float = 1.0
+    terms: Terms = ALL_TERMS
+    name: str = "spread"
+
+    def __call__(self, data, state, progress):
+        if not state.spread:
+            return state
+        _, matrix = split(state.terms, len(state.theta))
+        shift = self.fired_lower * state.noise**2
+        state = replace(state, spread=learn_spread(state.theta, matrix, state.spread, shift=shift))
+        return descended(data, state, self.terms.loss(data), self.n_step, self.tolerance, silent)
+
+
+@dataclass(frozen=True)
+class PixelNoise:
+    """Give each pixel its own noise, and leave out those whose events contradict the light.
+
+    Attributes
+    ----------
+    terms : Terms
+    misfit : float, optional
+        See `Tuning`; without it pixels don't differ.
+    """
+
+    terms: Terms = ALL_TERMS
+    misfit: float | None = Tuning.misfit
+    name: str = "noise"
+
+    def __call__(self, data, state, progress):
+        scatter, n_pixel = scatter_of(data, state), dr.width(state.theta[0])
+        state = replace(state, noise=scatter.of_most())
+        cost = evaluate(system_of(data, state, self.terms.loss(data)), state.theta)[0]
+        factor = np.ones(n_pixel, np.float32)
+        if self.misfit:
+            factor = noise_factors(scatter, state.noise, n_pixel, len(state.theta), self.misfit)
+        pairs = state.pairs
+        if (factor == IGNORED).any():
+            pairs = without(pairs, factor == IGNORED)
+        return replace(state, noise_factor=factor, pairs=pairs, terms=[cost])
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Let pixels learn from each other; without priors each stays alone, and only sigmas are worked out.
+
+    Attributes
+    ----------
+    priors : Priors, optional
+    terms : Terms
+    """
+
+    priors: Priors | None = None
+    terms: Terms = ALL_TERMS
+    name: str = "neighbours"
+
+    def __call__(self, data, state, progress):
+        noise = owned(type(data.constant_light), state.noise * state.noise_factor)
+        system = system_of(data, state, self.terms.loss(data), noise)
+        n, cost = len(state.theta), state.terms[0]
+        if self.priors is None:
+            matrix = split(evaluate(system, state.theta), n)[1]
+            covariance = np.linalg.inv(triangles.block(matrix, range(n), slice(None)))
+            return replace(state, covariance=covariance)
+        good = (state.noise_factor < IGNORED) & (data.pairs.counts > 0)
+        theta = fill(state.theta, good, data.grid.mask)
+
+        def terms_at(theta):
+            softness = softness_at(data, theta) if state.curved else state.softness
+            terms = evaluate(replace(system, softness=softness), theta)
+            return terms[0], *split(terms, n)
+
+        found = find_posterior(theta, terms_at, data.grid, system.unknowns, self.priors, progress)
+        more = dict(covariance=found.covariance, prior_scale=found.scale, open=found.open)
+        return replace(state, theta=found.theta, terms=[cost], n_step=state.n_step + found.n_round, **more)
