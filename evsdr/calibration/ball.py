@@ -11,7 +11,7 @@ import contourpy
 import numpy as np
 from scipy.ndimage import binary_fill_holes, label
 
-from evsdr.calibration.equations import PairTerms, Solution, fit_pairs
+from evsdr.calibration.equations import Estimate, PairTerms, fit_pairs
 from evsdr.errors import InputError
 from evsdr.model.view import View, pixel_centers
 
@@ -43,7 +43,7 @@ class BallLights:
         C_w in that unit.
     outline, outline_sigma : (3,) float
         Column and row of the centre, radius [pixels].
-    solution : Solution
+    solution : Estimate
     """
 
     direction: np.ndarray
@@ -56,7 +56,7 @@ class BallLights:
     constant_light_sigma: float
     outline: np.ndarray
     outline_sigma: np.ndarray
-    solution: Solution
+    solution: Estimate
 
 
 def firing_mask(count: np.ndarray) -> np.ndarray:

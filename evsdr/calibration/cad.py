@@ -82,7 +82,7 @@ def pose(folder: Path, scene: Path, cad: Cad, spp: int = 16, define: dict[str, s
     ring = open_scene(scene, define)
     view, shape = view_of(ring), (ring.height, ring.width)
     mesh, model = poses.read_model(cad.mesh, cad.unit)
-    evidence, maps = poses.Evidence(), None
+    evidence, maps = poses.PoseEvidence(), None
     if cad.points:
         pixel, point = poses.read_points(cad.points)
         evidence = replace(evidence, point_pixel=pixel, point_model=point)

@@ -24,7 +24,7 @@ INNER = 0.6  # of a patch's width and height that counts
 
 
 @dataclass(frozen=True)
-class Spectra:
+class PatchSpectra:
     """Measured spectra.
 
     Attributes
@@ -41,7 +41,7 @@ class Spectra:
 
 
 @dataclass(frozen=True)
-class Table:
+class PatchTable:
     """Reflectance of patches in the bands.
 
     Attributes
@@ -60,7 +60,7 @@ class Table:
     sigma: np.ndarray
 
 
-def read_spectra(source: str) -> Spectra:
+def read_spectra(source: str) -> PatchSpectra:
     """Read a CSV of spectra, wavelength [nm] in the first column, or take a chart of colour-science.
 
     Parameters
@@ -76,7 +76,7 @@ def read_spectra(source: str) -> Spectra:
     if source in BUILT_IN:
         chart = _colour().SDS_COLOURCHECKERS[BUILT_IN[source]]
         wavelength = next(iter(chart.values())).wavelengths
-        return Spectra(list(chart), wavelength, np.array([sd.values for sd in chart.values()]))
+        return PatchSpectra(list(chart), wavelength, np.array([sd.values for sd in chart.values()]))
     header, rows = _read_csv(Path(source), 0)
     if len(header) < 2 or len(rows) < 4:
         raise InputError(f"{source}: write a column of wavelengths and one per spectrum, four lines or more.")
@@ -88,7 +88,7 @@ def read_spectra(source: str) -> Spectra:
     wavelength = rows[:, 0]
     if (np.diff(wavelength) <= 0).any() or wavelength[0] < 100 or wavelength[-1] > 4000:
         raise InputError(f"{source}: wavelengths must grow line by line, in nm; sort or convert them.")
-    return Spectra(header[1:], wavelength, rows[:, 1:].T)
+    return PatchSpectra(header[1:], wavelength, rows[:, 1:].T)
 
 
 def _colour():
@@ -118,7 +118,7 @@ def _read_csv(path: Path, n_text: int) -> tuple[list[str], np.ndarray]:
     return header, rows
 
 
-def over_white(spectra: Spectra, white: str, white_reflectance: float) -> Spectra:
+def over_white(spectra: PatchSpectra, white: str, white_reflectance: float) -> PatchSpectra:
     """Divide measured intensities by that of a white patch under the same light.
 
     Raises
@@ -136,10 +136,10 @@ def over_white(spectra: Spectra, white: str, white_reflectance: float) -> Spectr
         )
     kept = [k for k in range(len(spectra.name)) if k != w]
     value = white_reflectance * spectra.value[kept] / reference
-    return Spectra([spectra.name[k] for k in kept], spectra.wavelength_nm, value)
+    return PatchSpectra([spectra.name[k] for k in kept], spectra.wavelength_nm, value)
 
 
-def project(spectra: Spectra, band_spectrum: np.ndarray) -> Table:
+def project(spectra: PatchSpectra, band_spectrum: np.ndarray) -> PatchTable:
     """Project reflectance spectra on the bands, R_b = INT D E_b R / INT D E_b.
 
     Interpolated as CIE 167:2005 recommends, constant beyond the measured wavelengths. Sigma is the noise of
@@ -147,7 +147,7 @@ def project(spectra: Spectra, band_spectrum: np.ndarray) -> Table:
 
     Parameters
     ----------
-    spectra : Spectra
+    spectra : PatchSpectra
         Reflectance.
     band_spectrum : (n_band, n_wavelength) float
         D E_b over `spectral.WAVELENGTH_NM`.
@@ -193,7 +193,7 @@ def project(spectra: Spectra, band_spectrum: np.ndarray) -> Table:
     at = np.array([np.interp(spectra.wavelength_nm, WAVELENGTH_NM, w) for w in weight])
     at *= np.gradient(spectra.wavelength_nm)
     sigma = _sample_noise(spectra.value)[:, None] * np.linalg.norm(at, axis=1)
-    return Table(spectra.name, np.arange(1, len(value) + 1), band_nm, value, np.maximum(sigma, 1e-6))
+    return PatchTable(spectra.name, np.arange(1, len(value) + 1), band_nm, value, np.maximum(sigma, 1e-6))
 
 
 def _sample_noise(value: np.ndarray) -> np.ndarray:
@@ -203,7 +203,7 @@ def _sample_noise(value: np.ndarray) -> np.ndarray:
     return 1.4826 * np.median(np.abs(np.diff(value, 3)), axis=1) / np.sqrt(20)  # 1 + 9 + 9 + 1
 
 
-def choose(table: Table, names: list[str]) -> Table:
+def choose(table: PatchTable, names: list[str]) -> PatchTable:
     """Keep the patches of some names, or numbers on the chart from 1, in that order.
 
     Raises
@@ -218,10 +218,10 @@ def choose(table: Table, names: list[str]) -> Table:
             raise InputError(f"no patch is called {name}; there are {', '.join(table.name)}.")
         rows.append(row[0])
     part = [table.name[k] for k in rows]
-    return Table(part, table.number[rows], table.band_nm, table.value[rows], table.sigma[rows])
+    return PatchTable(part, table.number[rows], table.band_nm, table.value[rows], table.sigma[rows])
 
 
-def write_table(path: Path, table: Table) -> None:
+def write_patches(path: Path, table: PatchTable) -> None:
     """Write a CSV: number, name, one column per band [nm], one per sigma."""
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -231,8 +231,8 @@ def write_table(path: Path, table: Table) -> None:
             writer.writerow([name, number, *(f"{v:.6f}" for v in value), *(f"{s:.2g}" for s in sigma)])
 
 
-def read_table(path: Path) -> Table:
-    """Read what `write_table` wrote; columns of sigma may be missing.
+def read_patches(path: Path) -> PatchTable:
+    """Read what `write_patches` wrote; columns of sigma may be missing.
 
     Raises
     ------
@@ -253,7 +253,7 @@ def read_table(path: Path) -> Table:
         names = [row[0].strip() for row in csv.reader(file) if row and not row[0].startswith("#")][1:]
     value = rows[:, 1:][:, bands]
     sigma = rows[:, 1 + len(bands) :] if rows.shape[1] == 1 + 2 * len(bands) else np.zeros_like(value)
-    return Table(names, rows[:, 0].astype(int), band_nm, value, sigma)
+    return PatchTable(names, rows[:, 0].astype(int), band_nm, value, sigma)
 
 
 def chart_labels(
@@ -309,16 +309,16 @@ def chart_labels(
 
 
 @dataclass(frozen=True)
-class Scale:
+class ChartScale:
     """The absolute scale, and how far the other patches then are from their reference.
 
     Attributes
     ----------
     scale, sigma : float
         Factor on the reflectances.
-    reserved : Table
+    reserved : PatchTable
         Of the reserved patch, measured, before scaling.
-    measured : Table
+    measured : PatchTable
         Of the other patches, scaled.
     rmse, sam_deg : (n_patch,) float
         Per patch.
@@ -326,13 +326,13 @@ class Scale:
 
     scale: float
     sigma: float
-    reserved: Table
-    measured: Table
+    reserved: PatchTable
+    measured: PatchTable
     rmse: np.ndarray
     sam_deg: np.ndarray
 
 
-def patch_means(maps, label: np.ndarray, reference: Table) -> Table:
+def patch_means(maps, label: np.ndarray, reference: PatchTable) -> PatchTable:
     """Average the fitted reflectance over the patches of a reference.
 
     Parameters
@@ -365,10 +365,10 @@ def patch_means(maps, label: np.ndarray, reference: Table) -> Table:
         pixels = maps.reflectance[here].astype(float)
         value.append(np.mean(pixels, axis=0))
         sigma.append(np.std(pixels, axis=0, ddof=1) / np.sqrt(n))
-    return Table(reference.name, reference.number, reference.band_nm, np.array(value), np.array(sigma))
+    return PatchTable(reference.name, reference.number, reference.band_nm, np.array(value), np.array(sigma))
 
 
-def find_scale(maps, label: np.ndarray, reserved: Table, reference: Table) -> Scale:
+def find_scale(maps, label: np.ndarray, reserved: PatchTable, reference: PatchTable) -> ChartScale:
     """Find the one factor on all bands that brings a reserved patch to its reference; judge the others.
 
     Weighted least squares over the bands; sigma from the larger of stated and seen scatter.
@@ -385,11 +385,11 @@ def find_scale(maps, label: np.ndarray, reserved: Table, reference: Table) -> Sc
     others = patch_means(maps, label, reference)
     value = scale * others.value
     spread = np.hypot(scale * others.sigma, sigma * others.value)
-    return Scale(
+    return ChartScale(
         scale,
         sigma,
         seen,
-        Table(others.name, others.number, others.band_nm, value, spread),
+        PatchTable(others.name, others.number, others.band_nm, value, spread),
         np.sqrt(np.mean((value - reference.value) ** 2, axis=1)),
         angular_error_deg(value, reference.value),
     )

@@ -60,7 +60,7 @@ class PairTerms:
 
 
 @dataclass(frozen=True)
-class Solution:
+class Estimate:
     """What the pairs say.
 
     Attributes
@@ -139,7 +139,7 @@ def collect_pairs(recording: Recording, mask: np.ndarray, point: np.ndarray) -> 
     return PairTerms(point.ravel()[pixel], led, share, rate, change, pixel)
 
 
-def join(parts: list[PairTerms]) -> PairTerms:
+def join_pairs(parts: list[PairTerms]) -> PairTerms:
     """Put the pairs of several recordings together; their pixels stay apart."""
     start = np.cumsum([0, *(part.cluster.max() + 1 for part in parts)])
     names = ("point", "led", "share", "rate", "change")
@@ -147,7 +147,7 @@ def join(parts: list[PairTerms]) -> PairTerms:
     return PairTerms(**joined, cluster=np.concatenate([p.cluster + s for p, s in zip(parts, start)]))
 
 
-def thin(pairs: PairTerms, seed: int) -> PairTerms:
+def sample_pairs(pairs: PairTerms, seed: int) -> PairTerms:
     """Keep at most `MOST_PAIRS`, drawn evenly."""
     n_pair = len(pairs.change)
     if n_pair <= MOST_PAIRS:
@@ -156,7 +156,7 @@ def thin(pairs: PairTerms, seed: int) -> PairTerms:
     return PairTerms(*(getattr(pairs, field.name)[kept] for field in fields(pairs)))
 
 
-def fit_pairs(pairs: PairTerms, model: Model, start: np.ndarray, prior_sigma: np.ndarray) -> Solution:
+def fit_pairs(pairs: PairTerms, model: Model, start: np.ndarray, prior_sigma: np.ndarray) -> Estimate:
     """Find the unknowns that explain the pairs best.
 
     Residuals are relative to the threshold, under Cauchy's loss. Unknowns with a finite `prior_sigma` are
@@ -195,7 +195,7 @@ def fit_pairs(pairs: PairTerms, model: Model, start: np.ndarray, prior_sigma: np
         sigma = np.sqrt(np.diagonal(covariance))
         if small := bool((np.abs(step) < SMALL_STEP * sigma).all()):
             break
-    return Solution(
+    return Estimate(
         x=x[:-1],
         lag_ms=float(x[-1]),
         lag_ms_sigma=float(sigma[-1]),

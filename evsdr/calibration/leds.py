@@ -8,7 +8,7 @@ import numpy as np
 
 from evsdr.calibration import ball as balls
 from evsdr.calibration import draw
-from evsdr.calibration.equations import collect_pairs, thin
+from evsdr.calibration.equations import collect_pairs, sample_pairs
 from evsdr.calibration.mirror import find_highlights, led_contrast
 from evsdr.calibration.ring_recording import MISFIT, count_events, fit_result, nominal_light, read_ring_events
 from evsdr.calibration.scene_text import find_leds, flatten, include_text, place_led, scale_led
@@ -179,7 +179,7 @@ def _mirror(ball, view, recording, outline, n_led, seed):
 def _matt(ball, view, recording, outline, nominal, gain, ring, seed):
     shape = (ring.height, ring.width)
     mask = balls.ball_pixels(view, outline, shape, seed)
-    pairs = thin(collect_pairs(recording, mask, np.cumsum(mask).reshape(shape) - 1), seed)
+    pairs = sample_pairs(collect_pairs(recording, mask, np.cumsum(mask).reshape(shape) - 1), seed)
     pixel = pixel_centers(mask)
     depth = depth_of_origin(view, ball.center_z)
     if ball.near:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evsdr.calibration.equations import PairTerms, Solution, fit_pairs
+from evsdr.calibration.equations import Estimate, PairTerms, fit_pairs
 from evsdr.errors import InputError
 
 VAGUE = 0.5  # relative standard deviation of C_w from which it counts as unknown
@@ -50,7 +50,7 @@ class Powers:
         Tilts as refined, camera frame.
     tilt_change_deg, tilt_sigma_deg : (n_patch,) float
         How far they moved, and their standard deviation [deg].
-    solution : Solution
+    solution : Estimate
     """
 
     power: np.ndarray
@@ -60,7 +60,7 @@ class Powers:
     normal: np.ndarray
     tilt_change_deg: np.ndarray
     tilt_sigma_deg: np.ndarray
-    solution: Solution
+    solution: Estimate
 
 
 def patch_model(patches: list[Patch]):

@@ -31,7 +31,7 @@ SMALL_STEP = 1e-5  # of the unknowns, relative to the mesh, at which matching en
 
 
 @dataclass(frozen=True)
-class Model:
+class CadModel:
     """A mesh with what its contour needs.
 
     Attributes
@@ -60,7 +60,7 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class PoseEvidence:
     """What the pose must explain; all parts are optional.
 
     Attributes
@@ -120,7 +120,7 @@ def read_model(path: Path, unit: float):
     Returns
     -------
     mesh : trimesh.Trimesh
-    model : Model
+    model : CadModel
 
     Raises
     ------
@@ -145,7 +145,7 @@ def read_model(path: Path, unit: float):
     edge = np.concatenate([mesh.face_adjacency_edges, mesh.edges_sorted[border]])
     side = np.concatenate([mesh.face_adjacency, np.repeat(mesh.edges_face[border][:, None], 2, axis=1)])
     middle = mesh.bounds.mean(axis=0)
-    return mesh, Model(
+    return mesh, CadModel(
         vertex=unit * (mesh.vertices - middle),
         normal=np.array(mesh.vertex_normals),
         face_normal=np.array(mesh.face_normals),
@@ -181,14 +181,14 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return table[:, :2], table[:, 2:]
 
 
-def find_pose(view: View, model: Model, evidence: Evidence, depth: float) -> Pose:
+def find_pose(view: View, model: CadModel, evidence: PoseEvidence, depth: float) -> Pose:
     """Find the pose that explains points, outline and normals.
 
     Parameters
     ----------
     view : View
-    model : Model
-    evidence : Evidence
+    model : CadModel
+    evidence : PoseEvidence
         Points, or a mask, or both.
     depth : float
         Distance of the mesh's middle from the camera: kept by an orthographic camera, a start for others.
@@ -249,7 +249,7 @@ class _Solver:
     """The unknowns: rotation vector about the camera's axes, shift (depth only with perspective), and how far
     the mask is drawn inside of the true outline [pixels]."""
 
-    def __init__(self, view: View, model: Model, evidence: Evidence, depth: float):
+    def __init__(self, view: View, model: CadModel, evidence: PoseEvidence, depth: float):
         self.view, self.model, self.evidence, self.depth = view, model, evidence, depth
         self.points = model.unit * (evidence.point_model - model.middle)
 
@@ -362,7 +362,7 @@ class _Solver:
         )
 
 
-def world_matrix(view: View, model: Model, pose: Pose) -> np.ndarray:
+def world_matrix(view: View, model: CadModel, pose: Pose) -> np.ndarray:
     """Give the matrix (4, 4) from the mesh's own coordinates to the world."""
     matrix = np.eye(4)
     turn = view.frame.T @ pose.rotation

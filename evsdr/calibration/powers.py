@@ -11,7 +11,7 @@ from evsdr.calibration import ball as balls
 from evsdr.calibration import chart as colours
 from evsdr.calibration import draw
 from evsdr.calibration import patch as patching
-from evsdr.calibration.equations import PairTerms, collect_pairs, join, thin
+from evsdr.calibration.equations import PairTerms, collect_pairs, join_pairs, sample_pairs
 from evsdr.calibration.ring_recording import (
     NominalLight,
     count_events,
@@ -61,8 +61,8 @@ def powers(
     band_reflectance = _patch_reflectance(reflectance, ring.leds.band_spectrum)[ring.leds.band]
     tilts, parts = zip(*(_read_tilt(text, ring, nominal, band_reflectance) for text in patches))
     first = np.cumsum([0, *(tilt.gain.shape[1] for tilt in tilts)])  # number of each tilt's first point
-    joined = join([replace(part, point=part.point + n) for part, n in zip(parts, first)])
-    pairs = thin(joined, seed)
+    joined = join_pairs([replace(part, point=part.point + n) for part, n in zip(parts, first)])
+    pairs = sample_pairs(joined, seed)
     start_light = ring.constant_light or START_LIGHT * power.mean()
     found = patching.solve_powers(list(tilts), pairs, power, start_light, tilt_sigma_deg)
     leds = [

@@ -64,9 +64,9 @@ def reference(
     bands = ring.leds.band_spectrum
     everything = colours.project(measured, bands)
     table = colours.choose(everything, list(patches))
-    colours.write_table(folder / "reference.csv", table)
+    colours.write_patches(folder / "reference.csv", table)
     if reserved:
-        colours.write_table(folder / "reserved.csv", colours.choose(everything, [reserved]))
+        colours.write_patches(folder / "reserved.csv", colours.choose(everything, [reserved]))
     draw.draw_reference(folder / "residuals.png", measured, table, bands, colours.WAVELENGTH_NM)
     result = {
         "scene": str(scene),
@@ -144,9 +144,9 @@ def scale(
         label = colours.chart_labels(corner, shape, patches.rows, patches.columns, patches.gap)
     else:
         raise InputError("nothing tells where the patches are; give --corners or --labels.")
-    table = colours.read_table(reference)
-    found = colours.find_scale(fitted, label, colours.read_table(reserved), table)
-    colours.write_table(folder / "evaluation.csv", found.measured)
+    table = colours.read_patches(reference)
+    found = colours.find_scale(fitted, label, colours.read_patches(reserved), table)
+    colours.write_patches(folder / "evaluation.csv", found.measured)
     if constant_light is not None:
         light = constant_light * found.scale
         text = include_text(

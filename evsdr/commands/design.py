@@ -71,11 +71,11 @@ def command(options: Options) -> None:
         with stages.stage("start"):
             jit.start()
             from evsdr.light.scene import load_scene
-            from evsdr.limits.judge import find_bound, judge, render
+            from evsdr.limits.judge import find_bound, judge, render_object
         with stages.stage("trace"):
             ring = load_scene(options.scene, parse_definitions(options.define))
             schedule = make_schedule(options, ring.leds.n_led)
-            rendering = render(ring, options.spp, options.seed)
+            rendering = render_object(ring, options.spp, options.seed)
         with stages.stage("bound"):
             bound = find_bound(ring, rendering, schedule, options.rounds, pixel)
     mask = rendering.truth.mask

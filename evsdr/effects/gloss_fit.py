@@ -61,7 +61,7 @@ class Gloss:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class GlossEvidence:
     """What events say of gloss, by Vuong's test ("Likelihood ratio tests for model selection", Econometrica 1989).
 
     Attributes
@@ -141,7 +141,9 @@ class Sample:
         return terms[0].numpy().astype(float), np.stack([t.numpy() for t in found], axis=-1)
 
 
-def gloss_evidence(problem: Problem, theta: np.ndarray, noise: float, kind: type = RoughCoating) -> Evidence:
+def gloss_evidence(
+    problem: Problem, theta: np.ndarray, noise: float, kind: type = RoughCoating
+) -> GlossEvidence:
     """Ask the events for gloss.
 
     Parameters
@@ -158,7 +160,7 @@ def gloss_evidence(problem: Problem, theta: np.ndarray, noise: float, kind: type
         sample = Sample.of(problem, pixel, kind, noise)
         shape, strength, glossy = _search(sample, glossy, evidence.shape, evidence.strength)
         error = angular_error_deg(to_normal(matt), to_normal(glossy)).mean()
-        evidence = Evidence(shape, strength, evidence.z, float(error))
+        evidence = GlossEvidence(shape, strength, evidence.z, float(error))
     return evidence
 
 
@@ -224,7 +226,7 @@ def _first_look(problem: Problem, pixel: np.ndarray, theta: np.ndarray, noise: f
     best = 1 + np.argmax(gain[1:].sum(axis=1))
     z = gain[best].sum() / np.sqrt(np.sum(gain[best] ** 2))
     error = angular_error_deg(to_normal(found[0]), to_normal(found[best])).mean() if z > 0 else 0.0
-    return Evidence(*lobes[best].tolist(), float(z), float(error)), found[0], found[best]
+    return GlossEvidence(*lobes[best].tolist(), float(z), float(error)), found[0], found[best]
 
 
 def _search(

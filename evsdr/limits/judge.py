@@ -40,7 +40,7 @@ class Rendering:
     illumination: Illumination
 
 
-def render(ring: RingScene, spp: int, seed: int) -> Rendering:
+def render_object(ring: RingScene, spp: int, seed: int) -> Rendering:
     """Render the object of a scene with some rays per pixel.
 
     Raises
@@ -98,7 +98,7 @@ def judge(
     ----------
     ring : RingScene
     rendering : Rendering
-        Of `render`.
+        Of `render_object`.
     bound : Bound
         Of `find_bound`.
     schedule : Schedule
@@ -130,7 +130,7 @@ def judge(
         "normals_without_clean_band": float(np.mean((clean == 0).any(axis=1))),
         "constant_light": ring.constant_light,
         "median_led_signal": float(np.median(lit[lit > 0])) if (lit > 0).any() else 0.0,
-        "bound": summarise(bound, mask),
+        "bound": summarise_bound(bound, mask),
     }
 
 
@@ -153,7 +153,7 @@ def describe_leds(ring: RingScene, light: np.ndarray, safe: tuple[float, float] 
     ]
 
 
-def summarise(bound: Bound, mask: np.ndarray) -> dict:
+def summarise_bound(bound: Bound, mask: np.ndarray) -> dict:
     """Give means and medians of a bound over the pixels that it knows."""
     angle, spread = bound.normal_sigma_deg[mask], bound.reflectance_sigma[mask]
     known, known_band = angle < 180, spread < 1

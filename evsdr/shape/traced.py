@@ -104,14 +104,14 @@ def surface_files(depth: Depth, maps: Maps, to_world: np.ndarray) -> dict:
     """Give what writes `depth.exr` and `mesh.ply`, for `results.write_results`."""
     known = depth.mask & maps.mask
     shown = replace(depth, mask=known, depth=np.where(known, depth.depth, 0))
-    mesh = shown_mesh(depth, maps, to_world)
+    mesh = masked_mesh(depth, maps, to_world)
     return {
         "depth.exr": lambda path: write_depth(path, shown),
         "mesh.ply": lambda path: write_mesh(path, mesh),
     }
 
 
-def shown_mesh(depth: Depth, maps: Maps, to_world: np.ndarray) -> SurfaceMesh:
+def masked_mesh(depth: Depth, maps: Maps, to_world: np.ndarray) -> SurfaceMesh:
     """Make the mesh to look at, in the world, from the pixels whose normals are known."""
     component, _ = ndimage.label(maps.mask)
     known = replace(depth, mask=depth.mask & maps.mask, component=component)

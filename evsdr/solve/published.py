@@ -65,7 +65,7 @@ class AdamSettings:
 
 
 @dataclass(frozen=True)
-class Decoder:
+class DecoderLoss:
     """What the loss is made of.
 
     Attributes
@@ -90,7 +90,7 @@ class Decoder:
     settings: AdamSettings
 
     @classmethod
-    def of(cls, illumination: Illumination, pairs: PairData, settings: AdamSettings) -> "Decoder":
+    def of(cls, illumination: Illumination, pairs: PairData, settings: AdamSettings) -> "DecoderLoss":
         """Collect it."""
         Float, Array3f = type(pairs.phases), type(illumination.direction[0])
         pair, pixel = every_pair(pairs)
@@ -167,7 +167,7 @@ def solve(
     reflectance : (n_pixel, n_band) float32
     """
     Float = type(pairs.phases)
-    decoder = Decoder.of(illumination, pairs, settings)
+    decoder = DecoderLoss.of(illumination, pairs, settings)
     optimiser = first_unknowns(decoder, start_normal, seed)
     place, step = owned(type(pairs.offset), pixel), dr.freeze(_step)
     width = dr.opaque(Float, 0.0)  # of what is down-weighted, inverse; 0 weighs nothing down
@@ -186,7 +186,7 @@ def solve(
     return normal, reflectance
 
 
-def first_unknowns(decoder: Decoder, normal: np.ndarray, seed: int) -> AdamW:
+def first_unknowns(decoder: DecoderLoss, normal: np.ndarray, seed: int) -> AdamW:
     """Give an optimiser with the unknowns to start from: normals (n_pixel, 3), near-equal coefficients and bases."""
     settings, rng = decoder.settings, np.random.default_rng(seed)
     Float, n_band = type(decoder.per_pixel), decoder.illumination.n_band
@@ -201,7 +201,7 @@ def first_unknowns(decoder: Decoder, normal: np.ndarray, seed: int) -> AdamW:
     return optimiser
 
 
-def _step(optimiser: AdamW, decoder: Decoder, smooth: list, width) -> None:
+def _step(optimiser: AdamW, decoder: DecoderLoss, smooth: list, width) -> None:
     """Make one step down the loss, in place."""
     unknowns, settings = dict(optimiser.items()), decoder.settings
     normal, u, threshold = decoder.residuals(unknowns)

@@ -11,8 +11,7 @@ import numpy as np
 import evsdr
 from evsdr import EventPixel, InputError, Maps, Recording, Settings, Truth, angular_error_deg
 from evsdr.limits.bound import Bound
-from evsdr.limits.judge import Rendering, find_bound
-from evsdr.limits.judge import render as render_object
+from evsdr.limits.judge import Rendering, find_bound, render_object
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 SPP = 16  # rays per pixel of the images, and for visibility

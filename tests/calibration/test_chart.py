@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from evsdr.calibration.chart import (
-    Spectra,
-    Table,
+    PatchSpectra,
+    PatchTable,
     chart_labels,
     choose,
     over_white,
     project,
+    read_patches,
     read_spectra,
-    read_table,
-    write_table,
+    write_patches,
 )
 from evsdr.errors import InputError, InputWarning
 from evsdr.model.quadrature import WAVELENGTH_NM
@@ -29,11 +29,11 @@ def test_projection_of_a_line_and_of_noise(rng):
     """A line is projected on the band's centroid; sigma is the scatter over noisy copies."""
     nm = np.arange(380.0, 731.0, 5.0)
     line = (nm - 300) / 1000
-    table = project(Spectra(["line"], nm, line[None]), BANDS)
+    table = project(PatchSpectra(["line"], nm, line[None]), BANDS)
     np.testing.assert_allclose(table.band_nm, [450, 550, 650], atol=1e-6)
     np.testing.assert_allclose(table.value[0], [0.15, 0.25, 0.35], atol=1e-6)
     noisy = line + rng.normal(0, 0.01, (300, len(nm)))
-    table = project(Spectra([str(k) for k in range(300)], nm, noisy), BANDS)
+    table = project(PatchSpectra([str(k) for k in range(300)], nm, noisy), BANDS)
     np.testing.assert_allclose(table.value.std(axis=0), np.median(table.sigma, axis=0), rtol=0.15)
 
 
@@ -70,19 +70,21 @@ def test_spectra_that_can_not_be_used_are_refused(tmp_path, text, says):
 def test_bands_beyond_the_spectra(tmp_path):
     nm = np.arange(400.0, 651.0, 10.0)
     with pytest.raises(InputError, match="band at 650 nm lies outside of the measured 400 to 650"):
-        project(Spectra(["a"], nm, np.full((1, len(nm)), 0.5)), BANDS)
+        project(PatchSpectra(["a"], nm, np.full((1, len(nm)), 0.5)), BANDS)
     nm = np.arange(400.0, 681.0, 10.0)
     with pytest.warns(InputWarning, match="taken as constant"):
-        project(Spectra(["a"], nm, np.full((1, len(nm)), 0.5)), BANDS)
+        project(PatchSpectra(["a"], nm, np.full((1, len(nm)), 0.5)), BANDS)
     with pytest.raises(InputError, match="give shares of 1"):
-        project(Spectra(["a"], nm, np.full((1, len(nm)), 50.0)), BANDS)
+        project(PatchSpectra(["a"], nm, np.full((1, len(nm)), 50.0)), BANDS)
 
 
 def test_tables_survive_the_file(tmp_path, rng):
     value = rng.random((2, 3))
-    table = Table(["red, dark", "b"], np.array([3, 7]), np.array([450.0, 550.0, 650.0]), value, 0.01 * value)
-    write_table(tmp_path / "t.csv", table)
-    back = read_table(tmp_path / "t.csv")
+    table = PatchTable(
+        ["red, dark", "b"], np.array([3, 7]), np.array([450.0, 550.0, 650.0]), value, 0.01 * value
+    )
+    write_patches(tmp_path / "t.csv", table)
+    back = read_patches(tmp_path / "t.csv")
     assert back.name == table.name
     np.testing.assert_array_equal(back.number, table.number)
     np.testing.assert_allclose(back.value, value, atol=1e-6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evsdr.calibration import equations
-from evsdr.calibration.equations import collect_pairs, fit_pairs, join, thin
+from evsdr.calibration.equations import collect_pairs, fit_pairs, join_pairs, sample_pairs
 from evsdr.errors import InputError
 from evsdr.events.pixel import EventPixel
 from evsdr.events.record import record, ring_schedule
@@ -56,7 +56,7 @@ def test_hard_switches_tell_no_exact_change():
 
 
 def test_pixels_of_two_recordings_stay_apart(pairs):
-    both = join([pairs, pairs])
+    both = join_pairs([pairs, pairs])
     n = len(pairs.change)
     assert len(both.change) == 2 * n
     assert not set(both.cluster[:n]) & set(both.cluster[n:])
@@ -65,9 +65,9 @@ def test_pixels_of_two_recordings_stay_apart(pairs):
 
 def test_pairs_are_thinned_evenly_and_alike(pairs, monkeypatch):
     monkeypatch.setattr(equations, "MOST_PAIRS", len(pairs.change))
-    assert thin(pairs, 0) is pairs
+    assert sample_pairs(pairs, 0) is pairs
     monkeypatch.setattr(equations, "MOST_PAIRS", 200)
-    few, again, other = thin(pairs, 0), thin(pairs, 0), thin(pairs, 1)
+    few, again, other = sample_pairs(pairs, 0), sample_pairs(pairs, 0), sample_pairs(pairs, 1)
     assert len(few.change) == 200
     np.testing.assert_array_equal(few.led, again.led)
     assert not np.array_equal(few.cluster, other.cluster)

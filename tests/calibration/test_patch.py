@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evsdr.calibration.equations import collect_pairs, join, thin
+from evsdr.calibration.equations import collect_pairs, join_pairs, sample_pairs
 from evsdr.calibration.patch import Patch, solve_powers
 from evsdr.errors import InputError
 from evsdr.events.pixel import EventPixel
@@ -22,7 +22,7 @@ def solve(tilts, order, power, told=None, tilt_sigma_deg=0.3, pixel=NOISY):
         recording = record_patch(direction, power, normal, order, seed=k, pixel=pixel)
         parts.append(collect_pairs(recording, mask, np.full(mask.shape, k)))
         patches.append(Patch((told or tilts)[k], direction[:, None], np.full((24, 1), WHITE)))
-    return solve_powers(patches, thin(join(parts), 0), np.ones(24), 0.2, tilt_sigma_deg)
+    return solve_powers(patches, sample_pairs(join_pairs(parts), 0), np.ones(24), 0.2, tilt_sigma_deg)
 
 
 @pytest.mark.parametrize("order", [WITH_DARK, tuple(range(24))], ids=["dark slots", "no dark slots"])

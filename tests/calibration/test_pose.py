@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from evsdr.calibration.pose import Evidence, find_pose, read_model
+from evsdr.calibration.pose import PoseEvidence, find_pose, read_model
 from evsdr.errors import InputError
 from evsdr.model.view import pixel_centers
 
@@ -22,7 +22,7 @@ def turned(model, turn: np.ndarray):
 def test_pose_from_a_silhouette(blob, with_normals, bound_deg):
     view, mask, truth, _, model = blob
     turn = Rotation.from_euler("xyz", [12, -15, 10], degrees=True).as_matrix()
-    evidence = Evidence(mask=mask, normal=truth.normal * truth.mask[..., None] if with_normals else None)
+    evidence = PoseEvidence(mask=mask, normal=truth.normal * truth.mask[..., None] if with_normals else None)
     found = find_pose(view, turned(model, turn), evidence, 10.0)
     error = np.degrees(Rotation.from_matrix(found.rotation @ turn).magnitude())
     assert error < bound_deg
@@ -44,7 +44,7 @@ def test_pose_of_a_box_from_its_silhouette(tmp_path, blob):
     hull = Delaunay(view.project(mesh.vertices @ turn.T + [0.1, 0.05, -10]))
     mask = hull.find_simplex(pixel_centers(np.ones((96, 96), bool))).reshape(96, 96) >= 0
     start = Rotation.from_euler("xyz", [4, -3, 5], degrees=True).as_matrix()
-    found = find_pose(view, turned(model, start @ turn), Evidence(mask=mask), 10.0)
+    found = find_pose(view, turned(model, start @ turn), PoseEvidence(mask=mask), 10.0)
     assert np.degrees(Rotation.from_matrix(found.rotation @ start).magnitude()) < 1.2
     np.testing.assert_allclose(found.translation, [0.1, 0.05, -10], atol=3e-3)
     assert abs(found.outline_offset) < 0.2
@@ -53,7 +53,7 @@ def test_pose_of_a_box_from_its_silhouette(tmp_path, blob):
 def test_pose_from_points_with_any_start(blob, points):
     view, _, _, _, model = blob
     pixel, point = points
-    found = find_pose(view, model, Evidence(pixel, point), 10.0)
+    found = find_pose(view, model, PoseEvidence(pixel, point), 10.0)
     error = np.degrees(Rotation.from_matrix(found.rotation).as_rotvec())
     assert (np.abs(error) < 4 * found.rotation_sigma_deg).all()
     assert (found.rotation_sigma_deg < 0.6).all() and found.translation_sigma[2] == 0
@@ -67,13 +67,13 @@ def test_meshes_that_can_not_be_used_are_refused(tmp_path, blob):
             read_model(tmp_path / name, 1.0)
     view, mask, _, _, model = blob
     for evidence, says in (
-        (Evidence(), "nothing tells the pose"),
-        (Evidence(mask=mask & False), "mask is empty"),
+        (PoseEvidence(), "nothing tells the pose"),
+        (PoseEvidence(mask=mask & False), "mask is empty"),
     ):
         with pytest.raises(InputError, match=says):
             find_pose(view, model, evidence, 10.0)
     with pytest.raises(InputError, match="border of the image"):
-        find_pose(view, model, Evidence(mask=mask | True), 10.0)
+        find_pose(view, model, PoseEvidence(mask=mask | True), 10.0)
 
 
 @pytest.mark.parametrize("name", ["nefertiti-lowres.obj", "skull_low_resolution.obj"])
@@ -87,6 +87,6 @@ def test_pose_of_a_downloaded_mesh(shared_data, blob, name):
     rng = np.random.default_rng(2)
     point = mesh.vertices[rng.choice(len(mesh.vertices), 12)]
     placed = unit * (point - model.middle) @ turn.T + [0.05, -0.03, -10]
-    found = find_pose(view, model, Evidence(view.project(placed), point), 10.0)
+    found = find_pose(view, model, PoseEvidence(view.project(placed), point), 10.0)
     np.testing.assert_allclose(found.rotation, turn, atol=1e-5)
     np.testing.assert_allclose(found.translation[:2], [0.05, -0.03], atol=1e-5)

@@ -9,12 +9,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from evsdr.calibration.chart import (
-    Table,
+    PatchTable,
     chart_labels,
     choose,
     find_scale,
-    read_table,
-    write_table,
+    read_patches,
+    write_patches,
 )
 from evsdr.commands import calibrate
 from evsdr.errors import InputError
@@ -34,9 +34,9 @@ BANDS = np.exp(-0.5 * ((WAVELENGTH_NM - np.array([[450.0], [550.0], [650.0]])) /
 def test_projection_agrees_with_the_renderer(tmp_path):
     """Twelve patches and eight bands, as the renderer integrates the same spectra for the chart's scene."""
     assert calibrate.main(["reference", str(SCENES / "colorchecker.xml"), "--out", str(tmp_path)]) == 0
-    table = read_table(tmp_path / "reference.csv")
+    table = read_patches(tmp_path / "reference.csv")
     assert table.value.shape == (12, 8)
-    assert read_table(tmp_path / "reserved.csv").name == ["white 9.5 (.05 D)"]
+    assert read_patches(tmp_path / "reserved.csv").name == ["white 9.5 (.05 D)"]
     ring = load_scene(SCENES / "colorchecker.xml", {"size": "48"})
     truth = surface_maps(ring, 4)
     label = chart_labels(chart_corners(ring), (48, 48), gap=1 / 7)
@@ -54,7 +54,7 @@ def chart_corners(ring) -> np.ndarray:
     return view.project(view.point_to_camera(corner))
 
 
-def make_maps(label: np.ndarray, table: Table, factor: float, noise: float) -> Maps:
+def make_maps(label: np.ndarray, table: PatchTable, factor: float, noise: float) -> Maps:
     rng = np.random.default_rng(3)
     reflectance = np.zeros((*label.shape, 3))
     for number, value in zip(table.number, table.value):
@@ -76,15 +76,15 @@ def make_maps(label: np.ndarray, table: Table, factor: float, noise: float) -> M
 def chart(tmp_path):
     rng = np.random.default_rng(8)
     label = np.repeat(np.arange(1, 14), 40).reshape(26, 20)
-    table = Table(
+    table = PatchTable(
         [f"p{k}" for k in range(1, 14)],
         np.arange(1, 14),
         np.array([450.0, 550.0, 650.0]),
         rng.uniform(0.1, 0.9, (13, 3)),
         np.full((13, 3), 1e-4),
     )
-    write_table(tmp_path / "reference.csv", choose(table, [str(k) for k in range(1, 13)]))
-    write_table(tmp_path / "reserved.csv", choose(table, ["13"]))
+    write_patches(tmp_path / "reference.csv", choose(table, [str(k) for k in range(1, 13)]))
+    write_patches(tmp_path / "reserved.csv", choose(table, ["13"]))
     np.save(tmp_path / "labels.npy", label)
     write_results(tmp_path / "fit", make_maps(label, table, 0.8, 0.01), {})
     return tmp_path, label, table
@@ -106,7 +106,7 @@ def test_scale_from_one_patch_and_evaluation_on_twelve(chart, capsys):
     root = ET.parse(out / "constant_light.xml").getroot()
     assert float(root.find("default").get("value")) == pytest.approx(0.04 * scale, rel=1e-5)
     with pytest.raises(InputError, match="bands at"):
-        other = Table(table.name, table.number, table.band_nm + 20, table.value, table.sigma)
+        other = PatchTable(table.name, table.number, table.band_nm + 20, table.value, table.sigma)
         find_scale(make_maps(label, table, 1, 0), label, choose(other, ["13"]), other)
     with pytest.raises(InputError, match=r"patch 2 \(p2\) has 0 known pixels"):
         find_scale(

@@ -7,7 +7,7 @@ import pytest
 
 import evsdr
 from evsdr.events.record import ring_schedule
-from evsdr.limits.judge import find_bound, judge, render
+from evsdr.limits.judge import find_bound, judge, render_object
 from tests.support.small_scene import DIFFUSE, HEIGHT, SPHERE, WIDTH, scene
 
 PIXEL = evsdr.EventPixel(event_noise=0.1).idealised()
@@ -21,7 +21,7 @@ def ring(tmp_path_factory):
 
 
 def test_bound_and_judgement_are_of_the_same_object(ring):
-    rendering, schedule = render(ring, 4, 0), ring_schedule(8)
+    rendering, schedule = render_object(ring, 4, 0), ring_schedule(8)
     bound = find_bound(ring, rendering, schedule, 2, PIXEL)
     found = judge(ring, rendering, bound, schedule)
     mask = rendering.truth.mask
@@ -37,7 +37,7 @@ def test_bound_and_judgement_are_of_the_same_object(ring):
 
 
 def test_gloss_decides_which_leds_are_safe(ring):
-    rendering, schedule = render(ring, 1, 0), ring_schedule(8)
+    rendering, schedule = render_object(ring, 1, 0), ring_schedule(8)
     bound = find_bound(ring, rendering, schedule, 1, PIXEL)
     sharp, wide = (judge(ring, rendering, bound, schedule, shininess) for shininess in (32.0, 2.0))
     assert all(led["inside_safe_range"] for led in sharp["leds"])  # at 45 degrees
@@ -48,7 +48,7 @@ def test_what_can_not_be_judged(ring, tmp_path):
     far = SPHERE.replace(DIFFUSE, f'<point name="center" x="20" y="0" z="0"/>{DIFFUSE}')
     (tmp_path / "scene.xml").write_text(scene(shape=far))
     with pytest.raises(evsdr.InputError, match="scene.xml: the camera does not see the shape object"):
-        render(evsdr.load_scene(tmp_path / "scene.xml"), 1, 0)
+        render_object(evsdr.load_scene(tmp_path / "scene.xml"), 1, 0)
     numb = evsdr.EventPixel(50.0, 50.0).idealised()
     with pytest.raises(evsdr.InputError, match="no pixel of the object fires two events"):
-        find_bound(ring, render(ring, 1, 0), ring_schedule(8), 2, numb)
+        find_bound(ring, render_object(ring, 1, 0), ring_schedule(8), 2, numb)

@@ -7,7 +7,7 @@ import trimesh
 from evsdr.model.view import CameraGeometry
 from evsdr.records import Maps
 from evsdr.shape.depth import Depth
-from evsdr.shape.traced import _refined, depth_of, shown_mesh, surface_files, traced_mesh
+from evsdr.shape.traced import _refined, depth_of, masked_mesh, surface_files, traced_mesh
 
 HEIGHT, WIDTH = 9, 12
 CAMERAS = [CameraGeometry(False, (0.1, 0.1), (6.0, 4.5)), CameraGeometry(True, (0.02, 0.02), (5.0, 4.0))]
@@ -123,7 +123,7 @@ def test_only_known_pixels_are_shown(tmp_path):
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[:, 6] = False
     depth = make_depth(np.full(mask.shape, 5.0))
-    mesh = shown_mesh(depth, make_maps(mask), np.eye(4))
+    mesh = masked_mesh(depth, make_maps(mask), np.eye(4))
     assert len(mesh.position) == mask.sum() and len(mesh.face) == 2 * (HEIGHT - 1) * (WIDTH - 3)
     assert len(np.unique(mesh.colour, axis=0)) == 1
     for name, write in surface_files(depth, make_maps(mask), np.eye(4)).items():

@@ -141,7 +141,7 @@ def find_posterior(
         *parts, inverse = joint.make_system(forms, matrix, damping, links)
         if round_ == priors.n_round or not still_open:
             break
-        system = joint.System(parts[0], forms, *parts[1:])
+        system = joint.JointSystem(parts[0], forms, *parts[1:])
         right = joint.right_side(forms, theta, gradient, links)
         move, trial, gain = _move(theta, joint.solve(system, right, links), right)
         theta, data, damping = _accept(theta, data, damping, move, trial, terms_at(trial))
@@ -149,7 +149,7 @@ def find_posterior(
         still_open = float(float(gain[0]) > priors.tolerance * dr.width(theta[0]))
         progress("neighbours", (round_ + 1) / (priors.n_round + 1))
     *parts, inverse = joint.make_system(forms, matrix, dr.zeros(Float, dr.width(theta[0])), links)
-    system = joint.System(parts[0], forms, *parts[1:])
+    system = joint.JointSystem(parts[0], forms, *parts[1:])
     covariance = _covariance(system, inverse, grid, rng, priors.n_draw, progress)
     found = {scale.prior.name: scale.typical for scale in sorted(scales, key=lambda scale: scale.prior.name)}
     if spectra:

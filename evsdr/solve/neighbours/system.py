@@ -17,7 +17,7 @@ TOLERANCE, MOST_STEPS, LOOK = 0.01, 100, 5  # of the conjugate gradients; steps 
 
 
 @dataclass(frozen=True)
-class System:
+class JointSystem:
     """Data and priors around some unknowns: a quadratic form of all pixels.
 
     Attributes
@@ -105,7 +105,7 @@ def right_side(forms: list[Form], theta: list, gradient: list, links: Links) -> 
     return [-g for g in _added(gradient, pulls)]
 
 
-def draw(rng: np.random.Generator, system: System, links: Links) -> list:
+def draw(rng: np.random.Generator, system: JointSystem, links: Links) -> list:
     """Draw a right-hand side whose solution is a draw from the posterior."""
     Float, n_pixel = type(system.pivot[0]), dr.width(system.pivot[0])
 
@@ -117,7 +117,7 @@ def draw(rng: np.random.Generator, system: System, links: Links) -> list:
 
 
 @recorded
-def _coloured(system: System, white: list, noise: list, links: Links) -> list:
+def _coloured(system: JointSystem, white: list, noise: list, links: Links) -> list:
     right = triangles.color(*triangles.factor(system.matrix), white)
     parts = [(form.learnt.prior.first, form.draw(own, links)) for form, own in zip(system.forms, noise)]
     return _added(right, parts)
@@ -127,13 +127,13 @@ def _coloured(system: System, white: list, noise: list, links: Links) -> list:
 
 
 @recorded
-def _begin(system: System, right: list):
+def _begin(system: JointSystem, right: list):
     z = triangles.solve(system.lower, system.pivot, right)
     return z, dr.sum(sum(r * s for r, s in zip(right, z)))
 
 
 @recorded
-def _step(system: System, links: Links, x: list, r: list, p: list, rho):
+def _step(system: JointSystem, links: Links, x: list, r: list, p: list, rho):
     products = [
         (f.learnt.prior.first, f.product(p[f.learnt.prior.first : f.learnt.prior.last], links))
         for f in system.forms
@@ -152,7 +152,7 @@ def _step(system: System, links: Links, x: list, r: list, p: list, rho):
     return x, r, p, new_rho
 
 
-def solve(system: System, right: list, links: Links) -> list:
+def solve(system: JointSystem, right: list, links: Links) -> list:
     """Solve by conjugate gradients, preconditioned pixel by pixel."""
     r = list(right)
     p, rho = _begin(system, r)

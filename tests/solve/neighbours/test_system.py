@@ -8,7 +8,7 @@ import pytest
 from evsdr.model.arrays import owned
 from evsdr.solve import grid as g
 from evsdr.solve.neighbours.priors import Form, Learnt, integrable, smooth_normals, smooth_reflectance
-from evsdr.solve.neighbours.system import System, draw, make_system, right_side, solve
+from evsdr.solve.neighbours.system import JointSystem, draw, make_system, right_side, solve
 from tests.support.stencil_matrix import MASK, matrix_of
 
 N_BAND = 3
@@ -74,7 +74,7 @@ def system(rng):
     nothing = dr.zeros(mi.Float, n_pixel)
     dr.make_opaque(nothing)
     matrix, lower, pivot, _ = make_system(forms, arrays(data[:, rows, columns].T), nothing, links)
-    return System(matrix, forms, lower, pivot), links, dense.reshape(n_pixel * N, n_pixel * N)
+    return JointSystem(matrix, forms, lower, pivot), links, dense.reshape(n_pixel * N, n_pixel * N)
 
 
 def test_the_joint_system_is_that_of_dense_matrices(system, rng):
