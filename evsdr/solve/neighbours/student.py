@@ -39,12 +39,12 @@ def learn_scatter(
         off = z - mean
         gain = np.linalg.solve(spread + noise, np.broadcast_to(spread, noise.shape))
         known = np.einsum("xji,xj->xi", gain, off)
-        left = spread - np.einsum("ij,xjk->xik", spread, gain)
-        distance = np.einsum("xi,xi->x", off, np.linalg.solve(spread + noise, off[..., None])[..., 0])
+        left = spread - spread @ gain.mean(axis=0)
+        distance = np.einsum("xi,xi->x", off, known @ np.linalg.inv(spread))  # off' (spread + noise)^-1 off
         weight = (FREEDOM + d) / (FREEDOM + distance)
         if not about_zero:
             mean = mean + weight @ known / weight.sum()
-        spread = np.einsum("x,xi,xj->ij", weight / len(z), known, known) + left.mean(axis=0)
+        spread = np.einsum("x,xi,xj->ij", weight / len(z), known, known) + left
         spread = 0.5 * (spread + spread.T) + floor
     return mean, spread
 
