@@ -68,16 +68,7 @@ def command(options: Options) -> None:
     from evsdr.fitting.simulation import render
     from evsdr.light.entry import open_scene
 
-    if (options.scene is None) == (options.frames is None):
-        raise InputError("Name either a scene file or --frames, not both.")
-    for name, least in (("rounds", 1), ("spp", 1), ("seed", 0)):
-        if getattr(options, name) is not None:
-            check_range(f"--{name}", getattr(options, name), least)
-    if options.scene and options.constant_light is not None:
-        raise InputError("--constant-light goes with --frames; a scene has its own, often set by -D.")
-    if options.frames and options.define:
-        raise InputError("-D sets parameters of a scene file; leave it out with --frames.")
-    check_folder(options.out)
+    _check(options)
     with Stages("simulate") as stages:
         if options.frames:
             with stages.stage("read photographs"):
@@ -122,3 +113,17 @@ def command(options: Options) -> None:
         *((f"{name} [s]", f"{seconds:.2f}") for name, seconds in stages.seconds.items()),
     ]
     print_table(f"{options.out / 'events.h5'}", rows)
+
+
+def _check(options: Options) -> None:
+    """Refuse what does not go together."""
+    if (options.scene is None) == (options.frames is None):
+        raise InputError("Name either a scene file or --frames, not both.")
+    for name, least in (("rounds", 1), ("spp", 1), ("seed", 0)):
+        if getattr(options, name) is not None:
+            check_range(f"--{name}", getattr(options, name), least)
+    if options.scene and options.constant_light is not None:
+        raise InputError("--constant-light goes with --frames; a scene has its own, often set by -D.")
+    if options.frames and options.define:
+        raise InputError("-D sets parameters of a scene file; leave it out with --frames.")
+    check_folder(options.out)
