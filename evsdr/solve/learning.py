@@ -64,14 +64,11 @@ class Respread:
     ----------
     n_step, tolerance
         See `Descend`.
-    fired_lower : float
-        See `Tuning`.
     terms : Terms
     """
 
     n_step: int
     tolerance: float
-    fired_lower: float = 1.0
     terms: Terms = ALL_TERMS
     name: str = "spread"
 
@@ -79,8 +76,7 @@ class Respread:
         if not state.spread:
             return state
         _, matrix = split(state.terms, len(state.theta))
-        shift = self.fired_lower * state.noise**2
-        state = replace(state, spread=learn_spread(state.theta, matrix, state.spread, shift=shift))
+        state = replace(state, spread=learn_spread(state.theta, matrix, state.spread))
         return descended(data, state, self.terms.loss(data), self.n_step, self.tolerance, silent)
 
 

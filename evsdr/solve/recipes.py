@@ -88,7 +88,7 @@ def refine(effort: Effort) -> tuple[Stage, ...]:
     """Use all that the events say, then let neighbours speak."""
     terms, tolerance = last_terms(effort), effort.tolerance
     descend = Descend(MOST, tolerance, terms=terms, name="refinement")
-    respread = Respread(MOST, tolerance, effort.tuning.fired_lower, terms)
+    respread = Respread(MOST, tolerance, terms)
     return (AllPairs(), descend, respread, *soft_horizon(effort, MOST), *know(effort))
 
 

@@ -18,9 +18,7 @@ def first_spread(Float: type, found: tuple | None = None) -> list:
     return [dr.opaque(Float, value) for value in found or (0.0, 0.0, *FIRST_SIGMA)]
 
 
-def learn_spread(
-    theta: list, matrix: list, spread: list, least: float = SMALLEST_SPREAD, shift: float = 0.0
-) -> list:
+def learn_spread(theta: list, matrix: list, spread: list, least: float = SMALLEST_SPREAD) -> list:
     """Learn mean and spread of the log thresholds over the pixels, from what the data alone say of each.
 
     Parameters
@@ -33,8 +31,6 @@ def learn_spread(
         The distribution so far.
     least : float
         Smallest standard deviation.
-    shift : float
-        What is added to both means.
     """
     n = len(theta)
     some = slice(None, None, max(1, dr.width(theta[0]) // SAMPLE))
@@ -52,4 +48,4 @@ def learn_spread(
     off = np.median((gains - centre[:, None]) ** 2, axis=1) / MEDIAN_OF_SQUARE
     variance = np.clip(off - np.median(alone, axis=1), least**2, LARGEST_VARIANCE)
     sigma = np.sqrt(variance + 1 / total)
-    return [dr.opaque(type(theta[0]), float(v)) for v in (*(centre + shift), *sigma)]
+    return [dr.opaque(type(theta[0]), float(v)) for v in (*centre, *sigma)]

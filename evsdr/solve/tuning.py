@@ -17,11 +17,8 @@ class Tuning:
     n_spread : int
         Rounds of expectation maximisation at most that look for the distribution of unknown thresholds.
     wider : float
-        Width of the Cauchy cost where thresholds are unknown, relative to that where they are known: the tails of the
-        residuals tell of them. Measured: without it thresholds of 256 x 256 pixels come out 1.2 % high, not 0.6.
-    fired_lower : float
-        An event's own threshold is this times noise^2 below the mean, as lower ones are reached first; derived for
-        light that changes slowly within the noise.
+        Width of the Cauchy cost of the first stages where thresholds are unknown, relative to that where they are known:
+        the tails of the residuals tell of them.
     density, silence : bool
         Whether the density of event times, and silence, count in the last stages.
     curved : bool
@@ -34,7 +31,6 @@ class Tuning:
     n_sweep: int = 4
     n_spread: int = 4
     wider: float = 1.5
-    fired_lower: float = 1.0
     density: bool = True
     silence: bool = True
     curved: bool = True

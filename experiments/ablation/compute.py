@@ -79,7 +79,6 @@ WAYS = {
     "no neighbours' starts": tuned(n_sweep=0),
     "one round of thresholds": tuned(n_spread=1),
     "cost not wider": tuned(wider=1.0),
-    "fired thresholds not lower": tuned(fired_lower=0.0),
     "no density of times": tuned(density=False),
     "no silence": tuned(silence=False),
     "no soft horizon in the end": tuned(curved=False),
