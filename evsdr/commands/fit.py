@@ -12,7 +12,7 @@ from evsdr.files.atomic import check_folder
 from evsdr.files.events_h5 import read_recording
 from evsdr.files.truth import read_truth
 from evsdr.fitting.entrance import Fit, collected_warnings, fit, load_scene, start
-from evsdr.fitting.settings import PRIORS, Settings, check_priors
+from evsdr.fitting.settings import PRIORS, SHARED, Settings, check_names
 from evsdr.metrics import score
 from evsdr.progress import Stages
 from evsdr.solve.tuning import Tuning
@@ -39,6 +39,9 @@ class Options(Settings, Files):
     priors: str = ",".join(PRIORS)
     """What pixels tell of each other, or none: smooth normals, slopes of one surface, smooth reflectance, spectra
     of few kinds. Edges stay, and the data decide how strong each is."""
+    shared: str = ",".join(SHARED)
+    """What all pixels share and is unknown, with what is told as a prior, or none: powers of LEDs against the others of
+    their band, lag and noise of photoreceptors, shift of all times, refractory period, thresholds, directions of LEDs."""
     tuning: tyro.conf.Suppress[Tuning] = Tuning()
     mask: Path | None = None
     """Image (PNG or .npy) whose non-zero pixels are solved."""
@@ -52,10 +55,17 @@ class Options(Settings, Files):
     def settings(self) -> Settings:
         """Give what is asked of the fit, checked."""
         check_range("--seed", self.seed, 0)
-        priors = tuple(name.strip() for name in self.priors.split(",")) if self.priors != "none" else ()
-        check_priors(priors, f"--priors {self.priors}")
+        lists = {"priors": PRIORS, "shared": SHARED}
+        named = {option: names_of(getattr(self, option), known, option) for option, known in lists.items()}
         asked = {field.name: getattr(self, field.name) for field in fields(Settings)}
-        return Settings(**asked | {"priors": priors})
+        return Settings(**asked | named)
+
+
+def names_of(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
+    """Read names between commas, or none."""
+    names = tuple(name.strip() for name in text.split(",")) if text != "none" else ()
+    check_names(names, known, f"--{option} {text}")
+    return names
 
 
 def main(argv: list[str] | None = None) -> int:

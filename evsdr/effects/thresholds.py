@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from evsdr.effects.effect import Decision
+from evsdr.effects.shared import SharedEffect, SharedFound
 from evsdr.effects.world import Fitted, World
 
 
@@ -36,3 +37,42 @@ class Thresholds:
     def model(self, world: World, decision: Decision) -> World:
         """Make them unknowns of the solver."""
         return replace(world, thresholds=True)
+
+
+CLEAR = 0.05  # of a logarithm; measured: where noise is another than the model's, thresholds told right are found 0.02 off
+
+
+class ThresholdScale(SharedEffect):
+    """Thresholds that are told pixel by pixel, but all of them too high or too low."""
+
+    name, group = "scale of contrast thresholds", "thresholds"
+
+    def is_clear(self, found: SharedFound) -> bool:
+        """Look at the larger difference."""
+        return float(np.abs(found.inferred.rig.log_threshold).max()) > CLEAR
+
+    def decide(self, asked, world: World, fitted: Fitted) -> Decision | None:
+        """Ask only where thresholds are not unknown anyway."""
+        return None if world.thresholds else super().decide(asked, world, fitted)
+
+    def say(self, found: SharedFound) -> str:
+        """Give both factors."""
+        on, off = np.exp(found.inferred.rig.log_threshold)
+        return f"{on:.3g} times the told C_on, {off:.3g} times the told C_off"
+
+    def numbers(self, found: SharedFound) -> dict:
+        """Give them in numbers."""
+        factor = np.exp(found.inferred.rig.log_threshold)
+        sigma = factor * found.inferred.sigma.log_threshold
+        return {"threshold_factor": factor.tolist(), "threshold_factor_sigma": sigma.tolist()}
+
+    def model(self, world: World, decision: Decision) -> World:
+        """Multiply them."""
+        on, off = np.exp(decision.answer.inferred.rig.log_threshold)
+        sensor = world.recording.sensor
+        sensor = replace(
+            sensor,
+            contrast_threshold_on=sensor.contrast_threshold_on * on,
+            contrast_threshold_off=sensor.contrast_threshold_off * off,
+        )
+        return replace(world, recording=replace(world.recording, sensor=sensor))

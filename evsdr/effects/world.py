@@ -8,6 +8,7 @@ import numpy as np
 from evsdr.effects.gloss_fit import Gloss
 from evsdr.effects.lag import Lag, photoreceptors
 from evsdr.effects.sensitivity import Look, look_at, look_at_geometry
+from evsdr.effects.shared import Aim, SharedFound
 from evsdr.effects.surface import FittedSurface
 from evsdr.errors import InputError
 from evsdr.events.pairs import Pairs, pair_events
@@ -17,6 +18,7 @@ from evsdr.light.tracing import trace_illumination, trace_indirect
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps, Recording
 from evsdr.solve.problem import Problem, make_problem
+from evsdr.solve.shared.rig import GROUPS, Told
 from evsdr.solve.solution import Solution
 
 TRIAL_RAYS = 4  # per pixel: of trials, and for the object's outline
@@ -49,6 +51,10 @@ class Terms:
         Per pixel.
     seed : int
         Of the rays; another than a simulation's, or its sampling noise would cancel.
+    shared : tuple of str
+        Of `rig.GROUPS`: what all pixels share and is unknown.
+    told : Told
+        How well it is told.
     """
 
     solver: str = "lm"
@@ -56,6 +62,8 @@ class Terms:
     limit_deg: float = 0.05
     most_rays: int = 16
     seed: int = 1
+    shared: tuple[str, ...] = tuple(GROUPS)
+    told: Told = Told()
 
 
 class Memo:
@@ -110,6 +118,10 @@ class World:
         Whether contrast thresholds are unknown.
     lag : Lag, optional
         What photoreceptors do.
+    found : SharedFound, optional
+        What pixels were found to share from an earlier fit, to start from.
+    aim : Aim, optional
+        What LEDs do otherwise than told.
     gloss : Gloss, optional
         Lobes.
     decisions : dict of Decision
@@ -130,6 +142,8 @@ class World:
     rays: int = TRIAL_RAYS
     thresholds: bool = False
     lag: Lag | None = None
+    found: SharedFound | None = None
+    aim: Aim | None = None
     gloss: Gloss | None = None
     decisions: dict = field(default_factory=dict)
 
@@ -182,7 +196,8 @@ class World:
             whole = trace_illumination(*given, False, self.terms.seed + seed)[0] if shadows else light
             return light.far(whole, self.look(fitted).pixel)
 
-        return self.memo("trace", (self.near, shadows, rays, fitted, skip, seed), work, 2)
+        light = self.memo("trace", (self.near, shadows, rays, fitted, skip, seed), work, 2)
+        return self.memo("aim", (light, self.aim), lambda: self.aim(light), 2) if self.aim else light
 
     def illumination(self, fitted: Fitted | None = None, rays: int | None = None) -> Illumination:
         """Give the light that is modelled, on the surface of a fit where that counts, with `rays` per pixel there."""

@@ -40,7 +40,7 @@ def sort_by_pixel(x, y, p, t, mask):
 
 
 @njit(cache=True)
-def pair(offset, p, t, fired, fired_inside, memorised, memorised_inside, refractory_us):
+def pair(offset, p, t, fired, fired_inside, memorised, memorised_inside, refractory_us, ahead, left):
     """Pair each event with the one before it in its pixel.
 
     Parameters
@@ -52,17 +52,19 @@ def pair(offset, p, t, fired, fired_inside, memorised, memorised_inside, refract
     fired_inside, memorised_inside : (n_event,) bool
         Whether these lie within the rounds.
     refractory_us : float
+    ahead, left : (n_event,) float32
+        What noise adds to log I when each event fires, and when its light is memorised.
 
     Returns
     -------
     pair_offset : (n_pixel + 1,) uint32
-    start, end, polarity : (n_pair,) float32, float32, int8
+    start, end, polarity, bias : (n_pair,) float32, float32, int8, float32
     n_dropped, n_close : int
         Pairs left out, and those of them that are too close.
     """
     pair_offset = np.zeros(len(offset), np.uint32)
     start, end = np.empty(len(t), np.float32), np.empty(len(t), np.float32)
-    polarity = np.empty(len(t), np.int8)
+    polarity, bias = np.empty(len(t), np.int8), np.empty(len(t), np.float32)
     n, n_dropped, n_close = 0, 0, 0
     for pixel in range(len(offset) - 1):
         for k in range(offset[pixel] + 1, offset[pixel + 1]):
@@ -74,23 +76,26 @@ def pair(offset, p, t, fired, fired_inside, memorised, memorised_inside, refract
                 continue
             start[n] = fired[k] if early < 0 else memorised[k - 1]
             end[n], polarity[n] = fired[k], 2 * p[k] - 1
+            bias[n] = ahead[k] - (ahead[k] if early < 0 else left[k - 1])
             n += 1
         pair_offset[pixel + 1] = n
-    return pair_offset, start[:n].copy(), end[:n].copy(), polarity[:n].copy(), n_dropped, n_close
+    lists = start[:n].copy(), end[:n].copy(), polarity[:n].copy(), bias[:n].copy()
+    return pair_offset, *lists, n_dropped, n_close
 
 
 @njit(cache=True)
 def list_silences(
-    offset, t, fired, fired_inside, memorised, memorised_inside, told, refractory_us, slot_us, n_slot, last
+    offset, p, t, fired, fired_inside, memorised, memorised_inside, told, refractory_us, slot_us, n_slot, last
 ):
-    """List the slot starts between each event and the next of its pixel, or the end of the recording.
+    """List the silences in which slots start, each between an event and the next of its pixel or the end.
 
     Parameters
     ----------
     offset ... memorised_inside, refractory_us
         See `pair`.
-    told : (n_event,) float32
-        Phase of the light that was memorised after each event, if another than `memorised`.
+    told : (n_event,) float32, (n_event,) float32, (n_event,) float32
+        Phases of the light that is shown at each event, and memorised after it, if others than `fired` and `memorised`;
+        what noise adds to log I when it is memorised.
     slot_us : float
     n_slot : int
     last : (float, float, bool)
@@ -99,12 +104,17 @@ def list_silences(
     Returns
     -------
     silent_offset : (n_pixel + 1,) uint32
-    silent_start, silent_probe : (n_probe,) float32
+    start, end, polarity, bias : (n_silence,) float32, float32, int8, float32
+        Polarity 0 where no event ends the silence.
+    probe_offset : (n_silence + 1,) uint32
+    probe : (n_probe,) float32
+        Slots that start.
     """
     last_us, last_phase, last_inside = last
+    shown, kept, left = told
     crossed = np.zeros(len(t), np.int32)
     silent_offset = np.zeros(len(offset), np.uint32)
-    n = 0
+    n, n_probe = 0, 0
     for pixel in range(len(offset) - 1):
         for k in range(offset[pixel], offset[pixel + 1]):
             followed = k + 1 < offset[pixel + 1]
@@ -115,12 +125,23 @@ def list_silences(
                 passed = (slot - np.int64(memorised[k])) % n_slot
                 rounds = np.rint((length / slot_us - passed) / n_slot)
                 crossed[k] = min(passed + n_slot * max(rounds, 0.0), n_slot)
-                n += crossed[k]
+                n += crossed[k] > 0
+                n_probe += crossed[k]
         silent_offset[pixel + 1] = n
-    start, probe = np.empty(n, np.float32), np.empty(n, np.float32)
-    n = 0
-    for k in range(len(t)):
-        for step in range(1, crossed[k] + 1):
-            start[n], probe[n] = told[k], (np.int64(memorised[k]) + step) % n_slot
+    start, end, polarity = np.empty(n, np.float32), np.empty(n, np.float32), np.zeros(n, np.int8)
+    bias = np.empty(n, np.float32)
+    probe_offset, probe = np.zeros(n + 1, np.uint32), np.empty(n_probe, np.float32)
+    n, n_probe = 0, 0
+    for pixel in range(len(offset) - 1):
+        for k in range(offset[pixel], offset[pixel + 1]):
+            if crossed[k] == 0:
+                continue
+            start[n], end[n], bias[n] = kept[k], last_phase, -left[k]
+            if k + 1 < offset[pixel + 1]:
+                end[n], polarity[n] = shown[k + 1], 2 * p[k + 1] - 1
+            for step in range(1, crossed[k] + 1):
+                probe[n_probe] = (np.int64(memorised[k]) + step) % n_slot
+                n_probe += 1
             n += 1
-    return silent_offset, start, probe
+            probe_offset[n] = n_probe
+    return silent_offset, start, end, polarity, bias, probe_offset, probe

@@ -28,25 +28,39 @@ class Pairs:
         memorised and when the event fires.
     polarity : (n_pair,) int8
         +1 (brighter) or -1 of the event that ends the pair.
+    bias : (n_pair,) float32
+        What noise of photoreceptors adds to the change of log I: they fire early by it.
     n_event : int
         Events looked at.
     n_dropped : int
         Pairs left out: not within the rounds, or closer than the refractory period.
     silent_offset : (n_pixel + 1,) uint32
-        Silent probes of pixel i are silent_offset[i] .. silent_offset[i+1].
-    silent_start, silent_probe : (n_probe,) float32
-        Phase at which the reference was memorised, and the start of a later slot until which no event has
-        fired. A silence longer than a round is probed for one round.
+        Silences of pixel i in which slots start are silent_offset[i] .. silent_offset[i+1].
+    silent_start, silent_end : (n_silence,) float32
+        Phase at which the reference was memorised, and that of the next event or the end of the recording.
+    silent_polarity : (n_silence,) int8
+        Of the event that ends the silence; 0 where none does.
+    silent_bias : (n_silence,) float32
+        As `bias`, of the light that was memorised.
+    probe_offset : (n_silence + 1,) uint32
+        Probes of silence k are probe_offset[k] .. probe_offset[k+1].
+    silent_probe : (n_probe,) float32
+        Starts of slots that pass in silence. One longer than a round is probed for one round.
     """
 
     offset: np.ndarray
     phase_start: np.ndarray
     phase_end: np.ndarray
     polarity: np.ndarray
+    bias: np.ndarray
     n_event: int
     n_dropped: int
     silent_offset: np.ndarray
     silent_start: np.ndarray
+    silent_end: np.ndarray
+    silent_polarity: np.ndarray
+    silent_bias: np.ndarray
+    probe_offset: np.ndarray
     silent_probe: np.ndarray
 
 
@@ -83,53 +97,67 @@ def pair_events(
     offset, p, t = sort_by_pixel(events.x, events.y, events.p, events.t, mask)
     phases = *_single_phase(t, recording), *_single_phase(t + sensor.refractory_us, recording)
     fired, fired_inside, memorised, memorised_inside = phases
+    ahead = left = np.zeros(len(t), np.float32)
     if receptors:
-        pixel = np.repeat(np.arange(mask.size, dtype=np.int32), np.diff(offset))
-        fired, memorised = _shown(receptors, t, p, pixel, recording)
+        shown = receptors.shown(offset, _positions(t, recording), 2.0 * p - 1)
+        fired, memorised, ahead, left = shown.fired, shown.memorised, shown.ahead, shown.left
     refractory_us = float(sensor.refractory_us)
-    told = fired, fired_inside, memorised, memorised_inside
-    pair_offset, start, end, polarity, n_dropped, n_close = pair(offset, p, t, *told, refractory_us)
-    if not len(end):
-        raise InputError(
-            "No two events of a pixel follow each other within the rounds of the ring; "
-            "check the triggers or start_us, refractory_us, and the mask."
-        )
-    too_close = n_close / (len(end) + n_dropped)
-    if too_close > TOO_CLOSE_SHARE:
-        warnings.warn(
-            InputWarning(
-                f"{too_close:.0%} of the event pairs lie within refractory_us of the sensor, "
-                f"{sensor.refractory_us:g} us; it is probably too long."
-            ),
-            stacklevel=2,
-        )
+    told = fired, fired_inside, memorised, memorised_inside, refractory_us, ahead, left
+    pair_offset, start, end, polarity, bias, n_dropped, n_close = pair(offset, p, t, *told)
+    _check_pairs(len(end), n_dropped, n_close, sensor.refractory_us)
     schedule, rounds = recording.schedule, recording.round_start_us
     last_us = rounds[-1] - 1e-3 if len(rounds) > 1 else float(t.max())
     last_phase, last_inside = (value[0] for value in _single_phase(np.array([last_us]), recording))
-    silent_offset, silent_start, silent_probe = list_silences(
+    silences = list_silences(
         offset,
+        p,
         t,
         *phases,
-        memorised,
+        (fired, memorised, left),
         refractory_us,
         float(schedule.slot_us),
         len(schedule.order),
         (float(last_us), float(last_phase), bool(last_inside)),
     )
+    silent_offset, silent_start, silent_end, silent_polarity, silent_bias, probe_offset, silent_probe = (
+        silences
+    )
     if receptors:
-        pixel = np.repeat(np.arange(mask.size, dtype=np.int32), np.diff(silent_offset))
-        silent_probe = receptors.shown(silent_probe.astype(np.float64), pixel)
+        silent_probe = receptors.phases(probe_offset[silent_offset], silent_probe.astype(np.float64))
     return Pairs(
         offset=pair_offset,
         phase_start=start,
         phase_end=end,
         polarity=polarity,
+        bias=bias,
         n_event=len(t),
         n_dropped=n_dropped,
         silent_offset=silent_offset,
         silent_start=silent_start,
+        silent_end=silent_end,
+        silent_polarity=silent_polarity,
+        silent_bias=silent_bias,
+        probe_offset=probe_offset,
         silent_probe=silent_probe,
     )
+
+
+def _check_pairs(n_pair: int, n_dropped: int, n_close: int, refractory_us: float) -> None:
+    """Refuse recordings without pairs, and warn of a refractory period that many events contradict."""
+    if not n_pair:
+        raise InputError(
+            "No two events of a pixel follow each other within the rounds of the ring; "
+            "check the triggers or start_us, refractory_us, and the mask."
+        )
+    too_close = n_close / (n_pair + n_dropped)
+    if too_close > TOO_CLOSE_SHARE:
+        warnings.warn(
+            InputWarning(
+                f"{too_close:.0%} of the event pairs lie within refractory_us of the sensor, "
+                f"{refractory_us:g} us; it is probably too long."
+            ),
+            stacklevel=3,
+        )
 
 
 def _single_phase(t_us: np.ndarray, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
@@ -142,17 +170,10 @@ def _single_phase(t_us: np.ndarray, recording: Recording) -> tuple[np.ndarray, n
     return single, inside
 
 
-def _shown(
-    receptors: Photoreceptors, t_us: np.ndarray, p: np.ndarray, pixel: np.ndarray, recording: Recording
-) -> tuple[np.ndarray, np.ndarray]:
-    """Give phases at which the light was what photoreceptors show when events fire, and when it is memorised."""
-    fired, memorised = np.empty(len(t_us), np.float32), np.empty(len(t_us), np.float32)
-    refractory_us, schedule = recording.sensor.refractory_us, recording.schedule
+def _positions(t_us: np.ndarray, recording: Recording) -> np.ndarray:
+    """Give positions (slot + the fraction of it that is over)."""
+    out = np.empty(len(t_us))
     for k in range(0, len(t_us), CHUNK):
         part = slice(k, k + CHUNK)
-        at, _ = position(t_us[part], schedule, recording.round_start_us)
-        polarity = 2.0 * p[part] - 1
-        fired[part] = receptors.shown(at, pixel[part], polarity)
-        at, _ = position(t_us[part] + refractory_us, schedule, recording.round_start_us)
-        memorised[part] = receptors.shown(at, pixel[part], polarity)
-    return fired, memorised
+        out[part], _ = position(t_us[part], recording.schedule, recording.round_start_us)
+    return out

@@ -4,9 +4,11 @@ from dataclasses import dataclass
 from typing import Literal, get_args, get_origin, get_type_hints
 
 from evsdr.errors import InputError, check_range
+from evsdr.solve.shared.rig import GROUPS
 from evsdr.solve.tuning import Tuning
 
 PRIORS = ("normal", "integrable", "reflectance", "spectra")
+SHARED = tuple(GROUPS)
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,11 @@ class Settings:
     does not tell it."""
     lag: Literal["auto", "off"] = "auto"
     """Lag of the photoreceptors in dim light: estimated if the events show one, or left out."""
+    shared: tuple[str, ...] = SHARED
+    """What all pixels share and is unknown, with what is told as a prior: powers of LEDs against the others of their
+    band, lag and noise of photoreceptors, shift of all times, refractory period, thresholds, directions of LEDs."""
+    leds_told_to: float = 0.0
+    """How well the scene tells the directions of far LEDs: one standard deviation [deg]; 0 takes them as told."""
     priors: tuple[str, ...] = PRIORS
     """What pixels tell of each other: smooth normals, slopes of one surface, smooth reflectance, spectra of few
     kinds. Edges stay, and the data decide how strong each is."""
@@ -62,7 +69,10 @@ def check_settings(settings: Settings) -> None:
         chosen = getattr(settings, name)
         if get_origin(kind) is Literal and chosen not in get_args(kind):
             raise InputError(f"{name} is {chosen!r}; choose one of {', '.join(get_args(kind))}.")
-    check_priors(settings.priors, "priors")
+    check_names(settings.priors, PRIORS, "priors")
+    check_names(settings.shared, SHARED, "shared")
+    if not 0 <= settings.leds_told_to < 45:
+        raise InputError(f"leds_told_to is {settings.leds_told_to:g}; give degrees, 0 to 45.")
     check_range("seed", settings.seed, 0)
     if not settings.limit_deg > 0:
         raise InputError(f"limit_deg is {settings.limit_deg:g}; give degrees above 0.")
@@ -70,8 +80,8 @@ def check_settings(settings: Settings) -> None:
         raise InputError(f"tolerance is {settings.tolerance:g}; give a number above 0, as 0.1.")
 
 
-def check_priors(priors: tuple[str, ...], what: str) -> None:
-    """Refuse names of priors that there are not; `what` names their source."""
-    for name in priors:
-        if name not in PRIORS:
-            raise InputError(f"{what}: there is no {name!r}; name some of {', '.join(PRIORS)}, or none.")
+def check_names(names: tuple[str, ...], known: tuple[str, ...], what: str) -> None:
+    """Refuse names that there are not; `what` names their source."""
+    for name in names:
+        if name not in known:
+            raise InputError(f"{what}: there is no {name!r}; name some of {', '.join(known)}, or none.")

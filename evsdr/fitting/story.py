@@ -7,16 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.effects import geometry
+from evsdr.effects.clock import TimeShift
 from evsdr.effects.gloss import GlossyLobes
 from evsdr.effects.hot_pixels import HotPixels
 from evsdr.effects.indirect import IndirectLight
 from evsdr.effects.lag import PhotoreceptorLag
+from evsdr.effects.leds import LedDirections, LedPowers
 from evsdr.effects.near_leds import DepthOfNearLeds, NearLeds
 from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.sensitivity import mean_error
 from evsdr.effects.shadows import Shadows, ShadowsOnFit
-from evsdr.effects.thresholds import Thresholds
+from evsdr.effects.shared import find_shared
+from evsdr.effects.thresholds import Thresholds, ThresholdScale
 from evsdr.effects.wiring import Wiring
 from evsdr.effects.world import ROUND_RAYS, TRIAL_RAYS, Fitted, Terms, World
 from evsdr.fitting import report
@@ -27,8 +30,10 @@ from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
 from evsdr.light.scene import RingScene
 from evsdr.light.tracing import trace_illumination
+from evsdr.metrics import angular_error_deg
 from evsdr.progress import Seconds
 from evsdr.records import Recording
+from evsdr.solve.shared.rig import Told
 
 EFFECTS = (
     NearLeds(),
@@ -36,8 +41,12 @@ EFFECTS = (
     Rays(),
     HotPixels(),
     Thresholds(),
-    Refractory(),
     Wiring(),
+    LedPowers(),
+    LedDirections(),
+    TimeShift(),
+    Refractory(),
+    ThresholdScale(),
     PhotoreceptorLag(),
     ShadowsOnFit(),
     DepthOfNearLeds(),
@@ -46,6 +55,7 @@ EFFECTS = (
     GlossyLobes(),
 )
 MOST_ROUNDS = 3  # of tracing and fitting
+FAR_DEG = 1.0  # from which pixels are told what they share by maps that were too wrong; guessed
 SETTLED = 0.1  # of the first round's change, below which light has settled
 
 
@@ -59,7 +69,9 @@ def fit_recording(
     """Fit a recording of a scene; arguments as of `entrance.fit`, whose work this is."""
     check_fit(ring, recording, settings)
     preset, lm = PRESETS[settings.preset], settings.solver == "lm"
-    terms = Terms(settings.solver, preset.thorough and lm, settings.limit_deg, preset.rays, settings.seed + 1)
+    thorough, told = preset.thorough and lm, Told(directions_deg=settings.leds_told_to)
+    given = settings.solver, thorough, settings.limit_deg, preset.rays, settings.seed + 1
+    terms = Terms(*given, unknown_of_all(settings), told)
     with stages.stage("trace light"):
         _, coverage = trace_illumination(ring, TRIAL_RAYS, False, terms.seed)
         world = World.before_a_fit(ring, recording, object_mask(ring, coverage, wanted), terms)
@@ -76,10 +88,7 @@ def fit_recording(
         if changed:
             fitted = solve(world.problem(), None, first, advance)
     with stages.stage("neighbours") as advance:
-        world, changed = decide("alone", world, fitted, settings)
-        if changed or terms.thorough:
-            purpose = "again" if changed else "learn"
-            fitted = solve(world.problem(fitted), fitted, purpose, advance)
+        world, fitted = settle_events(world, fitted, settings, solve, advance)
     notes = {}
     with stages.stage("settle light") as advance:
         first_light = world.illumination()
@@ -102,6 +111,17 @@ def fit_recording(
     return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface)
 
 
+def unknown_of_all(settings: Settings) -> tuple[str, ...]:
+    """Give what all pixels share and is unknown, see `Settings.shared`."""
+    as_told = {
+        "lag": settings.lag == "off",
+        "refractory": settings.refractory == "known",
+        "thresholds": settings.thresholds == "known",
+        "directions": settings.leds_told_to == 0,
+    }
+    return tuple(name for name in settings.shared if not as_told.get(name))
+
+
 def decide(when: str, world: World, fitted: Fitted | None, settings: Settings) -> tuple[World, bool]:
     """Decide on all effects of a time, in order; gives the world with those that count, and whether any does."""
     changed = False
@@ -115,6 +135,27 @@ def decide(when: str, world: World, fitted: Fitted | None, settings: Settings) -
         if decision.modelled:
             world, changed = effect.model(world, decision), True
     return world, changed
+
+
+def settle_events(
+    world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Callable[[str, float], None]
+) -> tuple[World, Fitted]:
+    """Infer what pixels share and fit again; where that turns normals far, infer it again from there."""
+    told = world
+    for _ in range(MOST_ROUNDS):
+        world, changed = decide("alone", told, fitted, settings)
+        if not changed:
+            break
+        new = solve(world.problem(fitted), fitted, "again", progress)
+        known = fitted.maps.mask & new.maps.mask
+        moved = angular_error_deg(fitted.maps.normal[known], new.maps.normal[known])
+        fitted, shared = replace(new, problem=fitted.problem), find_shared(told, fitted)
+        if not known.any() or np.mean(moved) < FAR_DEG:
+            return world, new
+        told = replace(told, found=shared)
+    if world.terms.thorough and not changed:
+        fitted = solve(world.problem(fitted), fitted, "learn", progress)
+    return world, new if changed else fitted
 
 
 def settle(

@@ -17,7 +17,8 @@ from evsdr.events.simulator import simulate_events
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
 from evsdr.records import Recording, Schedule, Sensor
-from evsdr.solve.loss import derivative_table, normal_equations
+from evsdr.solve.event_terms import normal_equations
+from evsdr.solve.loss import derivative_table
 from evsdr.solve.problem import make_problem
 from evsdr.solve.unknowns import normal_sigma_deg, to_theta
 

@@ -70,6 +70,7 @@ def _solution(data: Data, state: State, history: tuple) -> Solution:
         threshold_gain_sigma=gain_sigma,
         threshold_prior=tuple(float(value[0]) for value in state.spread) or None,
         prior_scale=state.prior_scale,
+        curved=state.curved,
     )
 
 

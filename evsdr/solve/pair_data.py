@@ -27,9 +27,17 @@ class PairData:
         LED of each slot, plus 65536 times that of the next; LED n_led is darkness. The first slot stands
         again at the end, for phases that round up.
     silent_offset : UInt32, (n_pixel + 1), optional
-        Silent probes of pixel i are silent_offset[i] .. silent_offset[i+1].
-    silent_phases : Float, (n_probe * 2), optional
-        For each probe the phase at which the reference was memorised and 1 + that of the probe.
+        Silences of pixel i are silent_offset[i] .. silent_offset[i+1].
+    silent_phases : Float, (n_silence * 2), optional
+        For each silence as `phases`; the second is 0 where no event ends it.
+    silent_bias : Float, (n_silence), optional
+        As `bias`.
+    silent_probes : UInt32, (n_silence * 2), optional
+        For each silence its first probe, and 1 + its last.
+    probes : Float, (n_probe), optional
+        Phases that pass in silence.
+    bias : Float, (n_pair), optional
+        What is added to the change of log I; 0 by default.
     weight : Float, (n_pair), optional
         How much a pair counts; 1 by default.
     """
@@ -41,12 +49,21 @@ class PairData:
     slot_leds: object
     silent_offset: object = None
     silent_phases: object = None
+    silent_probes: object = None
+    silent_bias: object = None
+    probes: object = None
+    bias: object = None
     weight: object = None
 
     @property
     def counts(self) -> np.ndarray:
         """Number of pairs of each pixel (n_pixel) int64."""
         return np.diff(self.offset.numpy().astype(np.int64))
+
+    @property
+    def extras(self) -> list[str]:
+        """Give which of the lists beside the phases there are."""
+        return [name for name in ("bias", "weight") if getattr(self, name) is not None]
 
     def of_pixels(self, pixel: np.ndarray) -> "PairData":
         """Keep the pairs of some pixels, without silences."""
@@ -61,7 +78,10 @@ class PairData:
             threshold_off=owned(type(self.phases), self.threshold_off.numpy()[pixel]),
             silent_offset=None,
             silent_phases=None,
-            weight=None if self.weight is None else owned(type(self.phases), self.weight.numpy()[k]),
+            silent_probes=None,
+            silent_bias=None,
+            probes=None,
+            **{name: owned(type(self.phases), getattr(self, name).numpy()[k]) for name in self.extras},
         )
 
 
@@ -91,13 +111,16 @@ def _choose(pairs: PairData, kept: Callable) -> PairData:
         chosen = (owned(type(v), v.numpy().reshape(n, -1)[k].ravel()) for v in lists)
         return owned(type(offset), new), *chosen
 
-    offset, phases = part(pairs.offset, pairs.phases)
-    weight = pairs.weight if pairs.weight is None else part(pairs.offset, pairs.weight)[1]
-    pairs = replace(pairs, offset=offset, phases=phases, weight=weight)
+    names = ["phases", *pairs.extras]
+    offset, *lists = part(pairs.offset, *(getattr(pairs, name) for name in names))
+    pairs = replace(pairs, offset=offset, **dict(zip(names, lists)))
     if pairs.silent_offset is None:
         return pairs
-    silent_offset, silent_phases = part(pairs.silent_offset, pairs.silent_phases)
-    return replace(pairs, silent_offset=silent_offset, silent_phases=silent_phases)
+    names = [
+        name for name in ("silent_phases", "silent_probes", "silent_bias") if getattr(pairs, name) is not None
+    ]
+    silent_offset, *lists = part(pairs.silent_offset, *(getattr(pairs, name) for name in names))
+    return replace(pairs, silent_offset=silent_offset, **dict(zip(names, lists)))
 
 
 def pack_phases(start: np.ndarray, end: np.ndarray, polarity: np.ndarray) -> np.ndarray:
@@ -116,12 +139,18 @@ def unpack_pair(phases, k, active):
     """Fetch phase at start, phase at end and polarity of pair k."""
     Float = type(phases)
     start, coded = dr.gather(array_type(Float, 2), phases, k, active)
-    return start, dr.abs(coded) - 1.0, dr.select(coded > 0, Float(1.0), Float(-1.0))
+    return start, dr.abs(coded) - 1.0, dr.sign(coded)
 
 
-def array_type(Float: type, size: int) -> type:
-    """Give the type of small vectors of a Float type."""
-    return getattr(sys.modules[Float.__module__], f"Array{size}f")
+def looked_up(values, k, active):
+    """Look an optional list up; 0 where there is none."""
+    return 0.0 if values is None else dr.gather(type(values), values, k, active)
+
+
+def array_type(kind: type, size: int) -> type:
+    """Give the type of small vectors of a Float or UInt32 type."""
+    letter = "f" if dr.is_float_v(kind) else "u"
+    return getattr(sys.modules[kind.__module__], f"Array{size}{letter}")
 
 
 def lit_leds(pairs: PairData, phase, active):

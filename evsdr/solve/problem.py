@@ -87,7 +87,7 @@ def make_problem(
     heard = mask if hot is None else mask & ~hot
     offset, chosen = _of_list(pairs.offset, mask, heard, UInt32)
     silent_offset, silent = _of_list(pairs.silent_offset, mask, heard, UInt32)
-    no_polarity = np.ones(np.count_nonzero(silent), np.int8)
+    first, last = pairs.probe_offset[:-1][silent], pairs.probe_offset[1:][silent]
 
     def threshold(value):
         return owned(Float, np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
@@ -106,8 +106,15 @@ def make_problem(
             slot_leds=owned(UInt32, pack_slots(recording.schedule.order, light.n_led)),
             silent_offset=silent_offset,
             silent_phases=owned(
-                Float, pack_phases(pairs.silent_start[silent], pairs.silent_probe[silent], no_polarity)
+                Float,
+                pack_phases(
+                    pairs.silent_start[silent], pairs.silent_end[silent], pairs.silent_polarity[silent]
+                ),
             ),
+            silent_bias=owned(Float, pairs.silent_bias[silent]),
+            silent_probes=owned(UInt32, np.stack([first, last], axis=-1).ravel()),
+            probes=owned(Float, pairs.silent_probe),
+            bias=owned(Float, pairs.bias[chosen]),
         ),
         illumination=_of_pixels(light, owned(UInt32, pixel)),
         grid=make_grid(mask, UInt32),

@@ -143,6 +143,8 @@ class Solution:
         How the logarithms of the factors are distributed over the pixels: two centres, two standard deviations.
     prior_scale : dict
         Scales of the priors that counted, see `neighbours.posterior.Posterior`.
+    curved : bool
+        Whether the horizon was as soft as the surface is curved within a pixel.
     """
 
     theta: np.ndarray
@@ -157,6 +159,7 @@ class Solution:
     threshold_gain_sigma: np.ndarray | None = None
     threshold_prior: tuple | None = None
     prior_scale: dict = field(default_factory=dict)
+    curved: bool = False
 
     @property
     def all_theta(self) -> np.ndarray:

@@ -1,0 +1,67 @@
+"""LEDs that shine otherwise than the scene tells: their powers and directions, as the events tell them."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from evsdr.effects.effect import Decision
+from evsdr.effects.shared import Aim, SharedEffect, SharedFound, warn_beyond
+
+if TYPE_CHECKING:
+    from evsdr.effects.world import World
+
+
+CLEAR = 0.01  # of a logarithm, root mean square; measured: powers told right are found up to 0.005 off
+
+
+class LedPowers(SharedEffect):
+    """Powers of LEDs, against the others of their band."""
+
+    name, group = "LED powers", "powers"
+
+    def is_clear(self, found: SharedFound) -> bool:
+        """Look at all differences together."""
+        return float(np.sqrt(np.mean(found.inferred.rig.log_power**2))) > CLEAR
+
+    def say(self, found: SharedFound) -> str:
+        """Give the largest difference."""
+        off = found.inferred.rig.log_power
+        j = int(np.argmax(np.abs(off)))
+        return f"LED {j} is {100 * np.expm1(off[j]):+.2g} % off, all {100 * np.std(off):.2g} % on average"
+
+    def numbers(self, found: SharedFound) -> dict:
+        """Give all factors."""
+        factor, sigma = np.exp(found.inferred.rig.log_power), found.inferred.sigma.log_power
+        return {"power_factor": factor.tolist(), "power_factor_sigma": (factor * sigma).tolist()}
+
+    def model(self, world: "World", decision: Decision) -> "World":
+        """Trace light of these powers."""
+        rig, told = decision.answer.inferred.rig, decision.answer.told
+        worst = float(np.abs(rig.log_power).max())
+        words = f"LED powers differ from the scene's by up to {100 * worst:.0f} %, as the events tell; calibrate them."
+        warn_beyond(world, worst, told.powers, words)
+        tilt = world.aim.tilt if world.aim else np.zeros_like(rig.tilt)
+        return replace(world, aim=Aim(rig.log_power, tilt))
+
+
+class LedDirections(SharedEffect):
+    """Directions of far LEDs, but for turns of the whole ring: those only tolerances tell from turned normals."""
+
+    name, group = "LED directions", "directions"
+
+    def say(self, found: SharedFound) -> str:
+        """Give the mean turn."""
+        turn = np.degrees(np.linalg.norm(found.inferred.rig.tilt, axis=1))
+        return f"LEDs are {turn.mean():.2g} degrees off on average, {turn.max():.2g} at most"
+
+    def numbers(self, found: SharedFound) -> dict:
+        """Give all turns [deg], along two axes across each direction."""
+        rig, sigma = found.inferred.rig, found.inferred.sigma
+        return {"tilt_deg": np.degrees(rig.tilt).tolist(), "tilt_sigma_deg": np.degrees(sigma.tilt).tolist()}
+
+    def model(self, world: "World", decision: Decision) -> "World":
+        """Trace light of these directions."""
+        rig = decision.answer.inferred.rig
+        power = world.aim.log_power if world.aim else np.zeros_like(rig.log_power)
+        return replace(world, aim=Aim(power, rig.tilt))

@@ -1,0 +1,180 @@
+"""What all pixels share, as the events tell it: one inference, of which each effect takes its part."""
+
+import warnings
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import numpy as np
+
+from evsdr.effects.effect import Decision
+from evsdr.effects.sensitivity import against
+from evsdr.errors import InputWarning
+from evsdr.model.illumination import Illumination
+from evsdr.solve.shared.infer import Inferred, Start, infer
+from evsdr.solve.shared.pixels import Pixels, choose, collect, is_far, turned
+from evsdr.solve.shared.rig import GROUPS, Rig, Told
+
+if TYPE_CHECKING:
+    from evsdr.effects.world import Fitted, World
+
+N_PIXEL = 300  # that tell: more tell what they share no better than the model holds
+FEWEST_PIXELS = 20
+FIRST_TAU_US, FIRST_NOISE = 20.0, 0.005  # to start from
+GUESSED_REFRACTORY_US = 200.0  # tolerance where the recording tells none
+CLEAR = 4.0  # standard deviations from which there is a lag, and a dark current
+# Light without a lag has kinks, which no event passes: its likelihood is not smooth in a shift
+WITH_LAG = "tau", "noise", "shift"
+WARNED = 3.0  # tolerances beyond which a value found is worth a warning
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What LEDs do otherwise than told.
+
+    Attributes
+    ----------
+    log_power, tilt
+        See `Rig`.
+    """
+
+    log_power: np.ndarray
+    tilt: np.ndarray
+
+    def __call__(self, light: Illumination) -> Illumination:
+        """Give the light that they send."""
+        factors = (dr.opaque(type(light.constant_light), float(f)) for f in np.exp(self.log_power))
+        irradiance = [e * factor for e, factor in zip(light.irradiance, factors)]
+        dr.eval(irradiance)
+        light = replace(light, irradiance=irradiance)
+        return turned(light, self.tilt) if self.tilt.any() and is_far(light) else light
+
+
+@dataclass(frozen=True)
+class SharedFound:
+    """What pixels share, times in us.
+
+    Attributes
+    ----------
+    inferred : Inferred
+    told : Told
+    told_refractory_us, slot_us : float
+    """
+
+    inferred: Inferred
+    told: Told
+    told_refractory_us: float
+    slot_us: float
+
+    def us(self, name: str) -> tuple[float, float]:
+        """Give a time and its standard deviation [us]."""
+        return tuple(getattr(of, name) * self.slot_us for of in (self.inferred.rig, self.inferred.sigma))
+
+
+def find_shared(world: "World", fitted: "Fitted") -> SharedFound | None:
+    """Infer what pixels share, or remember it; None if too few pixels tell."""
+    return world.memo("shared", (fitted,), lambda: _infer(world, fitted))
+
+
+def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
+    problem, solution, sensor = fitted.problem, fitted.solution, world.recording.sensor
+    row = choose(problem, solution, N_PIXEL)
+    if len(row) < FEWEST_PIXELS:
+        return None
+    pixels = collect(world.recording, problem, solution, row)
+    told = world.terms.told
+    if "refractory_us" in sensor.guessed:
+        told = replace(told, refractory_us=GUESSED_REFRACTORY_US)
+    names = [name for group in world.terms.shared for name in GROUPS[group] if name != "dark"]
+    if not is_far(pixels.light):
+        names = [name for name in names if name != "directions"]
+    rig = _told(world, pixels)
+    start = _start(world, fitted, rig, row)
+    found = infer(pixels, start, rig, told, tuple(names))
+    clear = found.rig.tau > CLEAR * found.sigma.tau and found.turn_deg["lag"] > world.terms.limit_deg
+    if "tau" in names and not clear:
+        names = [name for name in names if name not in WITH_LAG]
+        found = infer(
+            pixels, replace(start, rig=replace(start.rig, tau=0.0, noise=0.0)), rig, told, tuple(names)
+        )
+    elif "tau" in names and found.wanted["dark"] > CLEAR:
+        found = infer(pixels, start, rig, told, (*names, "dark"))
+    return SharedFound(found, told, sensor.refractory_us, pixels.slot_us)
+
+
+def _told(world: "World", pixels: Pixels) -> Rig:
+    """Give what the files tell."""
+    n_led, refractory_us = pixels.light.n_led, world.recording.sensor.refractory_us
+    times = 0.0, 0.0, 0.0, 0.0, refractory_us / pixels.slot_us
+    return Rig(np.zeros(n_led), *times, np.zeros(2), np.zeros((n_led, 2)))
+
+
+def _start(world: "World", fitted: "Fitted", told: Rig, row: np.ndarray) -> Start:
+    """Start from a fit, and from what an earlier one made pixels share."""
+    solution = fitted.solution
+    prior = solution.threshold_prior or (0.0, 0.0, 1.0, 1.0)
+    theta, spread = solution.all_theta[row].astype(float), np.array(prior[2:])
+    if world.found:
+        return Start(theta, world.found.inferred.rig, spread, world.found.inferred.scatter)
+    rig = replace(told, log_threshold=np.array(prior[:2]))
+    if "lag" in world.terms.shared:
+        rig = replace(rig, tau=FIRST_TAU_US / world.recording.schedule.slot_us, noise=FIRST_NOISE)
+    return Start(theta, rig, spread, solution.noise)
+
+
+class SharedEffect:
+    """One group of what pixels share: what all of `effects.leds`, `lag`, `clock`, `refractory` and `thresholds` do alike.
+
+    Attributes
+    ----------
+    group : str
+        Of `rig.GROUPS`.
+    """
+
+    name: str
+    group: str
+    option, when = "shared", "alone"
+
+    def decide(self, asked, world: "World", fitted: "Fitted") -> Decision | None:
+        """Take what the events tell, if it turns normals by more than the limit."""
+        if world.terms.solver == "adam":
+            return self.as_told("the solver adam infers nothing but maps")
+        if self.group not in world.terms.shared:
+            return self.as_told("asked for by --shared")
+        if not world.terms.thorough:
+            return self.as_told("the preset fast does not look for it")
+        found = find_shared(world, fitted)
+        if found is None:
+            return self.as_told("too few pixels tell it")
+        error, limit = found.inferred.turn_deg[self.group], world.terms.limit_deg
+        modelled = error > limit and self.is_clear(found)
+        doubt = "" if modelled or error <= limit else " too near to what is told to be told from it;"
+        why = f"{'as found' if modelled else 'as told'}: {self.say(found)};{doubt} {against(error, error > limit, limit)}"
+        return Decision(self.name, modelled, why, error, self.numbers(found), found)
+
+    def is_clear(self, found: SharedFound) -> bool:
+        """Tell whether what was found differs from what is told by more than noise and a model that is not quite right."""
+        return True
+
+    def as_told(self, why: str) -> Decision:
+        """Decide on nothing."""
+        return Decision(self.name, False, f"as told: {why}")
+
+    def say(self, found: SharedFound) -> str:
+        """Give what was found in words."""
+        raise NotImplementedError
+
+    def numbers(self, found: SharedFound) -> dict:
+        """Give what was found in numbers, for the summary."""
+        raise NotImplementedError
+
+
+def plus_minus(pair: tuple[float, float], unit: str = "us") -> str:
+    """Write a value with its standard deviation."""
+    return f"{pair[0]:.3g} +- {pair[1]:.2g} {unit}"
+
+
+def warn_beyond(world: "World", off: float, tolerance: float, sentence: str) -> None:
+    """Warn of a value that lies further from what is told than that can be off."""
+    if abs(off) > WARNED * tolerance:
+        warnings.warn(InputWarning(f"{world.recording.source}: {sentence}"), stacklevel=2)

@@ -1,0 +1,1 @@
+"""What all pixels share, inferred together with the maps of some."""

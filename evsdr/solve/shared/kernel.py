@@ -1,0 +1,277 @@
+"""Cost, gradient and information of pixels by their maps and by what all pixels share, in float64.
+
+Between two events of a pixel
+
+    v(t_k) + p_k sigma lead_k - v(r_k) - p_(k-1) sigma kept lead_(k-1) = p_k C (1 + noise),
+
+with v the log light behind the photoreceptor (`receptor`), r_k = t_(k-1) + refractory, sigma lead what the receptor's
+noise adds when it fires an event (`lead`), and kept what is left of that at r_k. Times have the density of the first
+passage: that of the threshold that was met, times |dv/dt| / C, times the probability that the other threshold was not
+met before. Derivatives stand at the light that v shows.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from evsdr.events.lead import kept, lead_of
+from evsdr.events.receptor import MOST_NODES, follow, late_at, light_at, phase_at, shown_at
+from evsdr.solve.law import GAUSS, SHARE, STUDENT
+from evsdr.solve.shared.rig import N_TIMING
+from evsdr.threads import N_CHUNK, in_chunks
+
+SMALLEST_SLOPE = 0.02  # of v per slot: what is slower, or has the wrong sign, counts as nearly this
+FAR = 5.0  # standard deviations of a threshold within which silence says nothing
+TAU, DARK, NOISE, SHIFT, REFRACTORY, ON, OFF = range(7)  # columns after those of the LEDs
+KINK = 0.01  # change of the rarity by a small step of timing that no smooth light makes
+LONG, TINY = -2.0, 1e-300  # below which the curvature is that of the tangent parabola about 0
+
+
+class Terms(NamedTuple):
+    """How pairs count."""
+
+    crossfade: float
+    scatter: float  # of the relative residual, beside the photoreceptor's noise
+    robust: float  # width of Cauchy's cost in standard deviations
+    slope_term: float  # weight of the density of event times
+
+
+@njit(cache=True, error_model="numpy")
+def _survival(y):
+    """Give -log of the probability that a threshold lies above -y, its derivative, and a curvature, see `law.survival`."""
+    fall = 1 / (1 + y * y / 3)
+    gauss, student = (1 - SHARE) * GAUSS * np.exp(-0.5 * y * y), SHARE * STUDENT * fall * fall
+    density = gauss + student
+    weight = (gauss + 4 / 3 * fall * student) / density
+    t = y / np.sqrt(3.0)
+    below = 0.5 + (t / (1 + t * t) + math.atan(t)) / np.pi
+    above = (1 - SHARE) * 0.5 * math.erfc(-y / np.sqrt(2.0)) + SHARE * max(below, TINY)
+    slope = density / above
+    return -np.log(above), -slope, -slope / y if y < LONG else slope * (slope + weight * y)
+
+
+@njit(cache=True, error_model="numpy")
+def _add_light(row, factor, slot, fade, leds, table, tilt, veil, band, n_map):
+    """Add factor times the derivatives of log I at a phase to a row."""
+    n_led, n_slot = len(band), len(leds)
+    now, following = leds[slot], leds[(slot + 1) % n_slot]
+    total = veil + ((1 - fade) * table[0, now] if now < n_led else 0.0)
+    total += fade * table[0, following] if following < n_led else 0.0
+    for led, share in ((now, 1 - fade), (following, fade)):
+        if led < n_led and share > 0:
+            part = factor * share / total
+            row[0] += part * table[1, led]
+            row[1] += part * table[2, led]
+            row[2 + band[led]] += part * table[3, led]
+            row[n_map + led] += part * table[0, led]
+            for k in range(tilt.shape[1]):
+                row[n_map + n_led + N_TIMING + 2 * led + k] += part * table[0, led] * tilt[led, k]
+
+
+@njit(cache=True, error_model="numpy")
+def _add(matrix, gradient, row, slope, bend):
+    """Add a term with its first two derivatives by what the row is the derivative of."""
+    for i in range(len(row)):
+        if row[i] != 0:
+            gradient[i] += slope * row[i]
+            part = bend * row[i]
+            for j in range(i + 1):
+                matrix[i, j] += part * row[j]
+
+
+@njit(cache=True, error_model="numpy")
+def _look(at, light, nodes, values, crossfade):
+    """Give how late a photoreceptor is, log I, and the rate of its own time."""
+    late = late_at(at, light, values[TAU], values[DARK], crossfade, nodes)
+    now = light_at(at, light, crossfade)
+    return late, np.log(now), (now + values[DARK]) / values[TAU]
+
+
+def pixel_sums(
+    events, leds, band, veil, signals, tilts, thresholds, own_thresholds, values, terms, lead, weigh
+):
+    """Sum over the events of each pixel.
+
+    Parameters
+    ----------
+    events : tuple
+        offset (n_pixel + 1,) int64; at (n_event,) float64, slot + the fraction of it that is over; gap (n_event,)
+        float64, slots since the event before; polarity (n_event,) int8; inside (n_event,) bool, whether the rounds
+        have run since the event before; ending (n_pixel,) float64, slots from the last event to the recording's end.
+    leds : (n_slot,) int64
+        LED of each slot; n_led is darkness.
+    band : (n_led,) int64
+    veil : float
+        C_w.
+    signals : (n_pixel, 4, n_led) float64
+        A_xj, its derivatives by p and q, and the part that scales with the reflectance.
+    tilts : (n_pixel, n_led, 2 or 0) float64
+        Derivatives of log A_xj by the LED's direction.
+    thresholds : (n_pixel, 2) float64
+        C_on, C_off.
+    own_thresholds : bool
+        Whether the logarithms of these are the last unknowns of each pixel; else those of two factors are shared.
+    values : (6, 5) float64
+        tau (above 0), dark current, noise, shift and refractory period, times in slots; then each of these moved a
+        little, for derivatives.
+    terms : Terms
+    lead : (2, n) float64
+        `lead.TABLE`.
+    weigh : (n_event,) float64
+        Variance of u by the photoreceptor's noise, by which events are weighed.
+
+    Returns
+    -------
+    cost : (n_pixel,)
+    gradient : (n_pixel, n + m)
+    matrix : (n_pixel, n + m, n + m)
+        Information that the pixel gives of its n unknowns and the m shared ones.
+    residual : (n_event,)
+        u of the event; NaN where it counts for nothing.
+    variance : (n_event,)
+        That of u by the photoreceptor's noise.
+    """
+    n_pixel, n_event = len(signals), len(events[1])
+    n = 3 + band.max() + 2 * own_thresholds
+    m = len(band) * (1 + tilts.shape[2]) + N_TIMING
+    out = (
+        np.zeros(n_pixel),
+        np.zeros((n_pixel, n + m)),
+        np.zeros((n_pixel, n + m, n + m)),
+        np.full(n_event, np.nan),
+        np.zeros(n_event),
+    )
+    given = leds, band, veil, signals, tilts, thresholds, own_thresholds, values, terms, lead, weigh
+
+    def run(chunk):
+        _run(chunk, events, *given, *out)
+
+    in_chunks(run)
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _run(
+    chunk, events, leds, band, veil, signals, tilts, thresholds, own_thresholds, values, terms, lead, weigh,
+    cost, gradient, information, residual, variance,
+):  # fmt: skip
+    """Sum over the pixels of a chunk; see `pixel_sums`."""
+    offset, at, gap, polarity, inside, ending = events
+    n_pixel, n_led, n_slot = len(signals), len(band), len(leds)
+    n = 2 + band.max() + 1 + 2 * own_thresholds
+    n_all = n + n_led + N_TIMING + n_led * tilts.shape[2]
+    timing = n + n_led
+    logs = n - 2 if own_thresholds else timing + ON  # first column of the thresholds
+    crossfade, n_set = terms.crossfade, len(values)
+    h = np.array([values[q + 1, q] - values[0, q] for q in range(n_set - 1)])
+    row, light = np.zeros(n_all), np.zeros(n_slot)
+    nodes, shown = np.zeros((3, n_slot, MOST_NODES + 2)), np.zeros((3, n_slot))
+    met, reference, rarity, noise = np.zeros(n_set), np.zeros(n_set), np.zeros(n_set), np.zeros((n_set, 2))
+    for i in range(chunk, n_pixel, N_CHUNK):
+        table, tilt, slopes, matrix = signals[i], tilts[i], gradient[i], information[i]
+        for k in range(n_slot):
+            light[k] = veil + (table[0, leds[k]] if leds[k] < n_led else 0.0)
+        for q in range(3):  # as told, with another tau, with another dark current
+            follow(light, values[q, TAU], values[q, DARK], crossfade, nodes[q])
+            shown[q] = np.log(light) - nodes[q, :, 0]
+        noise[:], spread = 0.0, 1.0
+        for k in range(offset[i], offset[i + 1] + 1):
+            last = k == offset[i + 1]
+            length = ending[i] if last else gap[k]
+            told = k > offset[i] and length >= values[0, REFRACTORY] and (last or inside[k])
+            p = 0.0 if last else float(polarity[k])
+            before = float(polarity[k - 1]) if k > offset[i] else 0.0
+            start, late_0, left = 0.0, 0.0, 0.0
+            if told:
+                for q in range(n_set):
+                    lagging = q if q < 3 else 0
+                    start = (at[k - 1] - values[q, SHIFT] + values[q, REFRACTORY]) % n_slot
+                    late, log_now, own = _look(start, light, nodes[lagging], values[q], crossfade)
+                    level, velocity = kept(values[q, REFRACTORY] * own)
+                    added = level * noise[q, 0] + velocity * noise[q, 1]
+                    reference[q] = log_now - late + before * values[q, NOISE] * added
+                    if q == 0:
+                        late_0, left = late, values[0, NOISE] ** 2 * (1 - level**2 * (1 - spread))
+                start = (at[k - 1] - values[0, SHIFT] + values[0, REFRACTORY]) % n_slot
+            late, log_now, own, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 1.0
+            if not last:
+                for q in range(n_set - 1, -1, -1):
+                    fired = (at[k] - values[q, SHIFT]) % n_slot
+                    lagging = q if q < 3 else 0
+                    late, log_now, own = _look(fired, light, nodes[lagging], values[q], crossfade)
+                    if values[q, NOISE] > 0:
+                        noise[q, 0], spread_now, noise[q, 1] = lead_of(
+                            lead, values[q, NOISE], late, own, fired, nodes[lagging], crossfade
+                        )
+                    met[q] = log_now - late + p * values[q, NOISE] * noise[q, 0]
+                    root = np.sqrt(late * late + (SMALLEST_SLOPE / own) ** 2)
+                    rarity[q] = -np.log(0.5 * (p * late + root) * own)  # dv/dt = (log I - v) (I + dark) / tau
+            spread = spread_now
+            if not told:
+                continue
+            slot_0, fade_0 = shown_at(start, late_0, light, crossfade)
+            if not last:
+                side = 0 if p > 0 else 1
+                threshold = thresholds[i, side]
+                u = p * (met[0] - reference[0]) / threshold - 1
+                residual[k], variance[k] = u, (values[0, NOISE] ** 2 * spread + left) / threshold**2
+                scale = np.sqrt(terms.scatter**2 + weigh[k])
+                factor = p / threshold / scale
+                row[:] = 0
+                slot, fade = shown_at(fired, late, light, crossfade)
+                _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
+                _add_light(row, -factor * (1 + late_0), slot_0, fade_0, leds, table, tilt, veil, band, n)
+                for q in range(n_set - 1):
+                    row[timing + q] = factor * (met[q + 1] - met[0] - reference[q + 1] + reference[0]) / h[q]
+                row[logs + side] = -(u + 1) / scale
+                excess = (u / scale / terms.robust) ** 2
+                weight, share = 1 / (1 + excess), terms.slope_term
+                cost[i] += np.log(scale) + 0.5 * terms.robust**2 * np.log(1 + excess)
+                cost[i] += share * (rarity[0] + np.log(threshold))
+                _add(matrix, slopes, row, weight * u / scale, weight)
+                row[:] = 0
+                for q in range(n_set - 1):
+                    more = rarity[q + 1] - rarity[0]
+                    row[timing + q] = more / h[q] if abs(more) < KINK else 0.0
+                factor = p / np.sqrt(late * late + (SMALLEST_SLOPE / own) ** 2)
+                _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
+                slot, fade = phase_at(fired, crossfade, n_slot)
+                lit = 1 - values[0, DARK] / (own * values[0, TAU])  # I / (I + dark)
+                _add_light(row, -factor * (1 + late * lit), slot, fade, leds, table, tilt, veil, band, n)
+                row[logs + side] = 1.0
+                _add(matrix, slopes, row, share, share)
+            # thresholds that were not met: v is extreme where slots start
+            n_probe = int(start + min(length - values[0, REFRACTORY], float(n_slot))) - int(start)
+            for side in range(2):
+                sign = 1.0 - 2.0 * side
+                if p == sign:
+                    continue
+                far, where = 0.0, -1
+                for step in range(1, n_probe + 1):
+                    probe = (int(start) + step) % n_slot
+                    value = sign * (shown[0, probe] - reference[0])
+                    if value > far:
+                        far, where = value, probe
+                threshold = thresholds[i, side]
+                scale = np.sqrt(terms.scatter**2 + left / threshold**2)
+                z = (1 - far / threshold) / scale
+                if where < 0 or z > FAR:
+                    continue
+                more, slope, bend = _survival(z)
+                cost[i] += more
+                row[:] = 0
+                factor = -sign / (threshold * scale)
+                late = nodes[0, where, 0]
+                slot, fade = shown_at(float(where), late, light, crossfade)
+                _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
+                _add_light(row, -factor * (1 + late_0), slot_0, fade_0, leds, table, tilt, veil, band, n)
+                for q in range(n_set - 1):
+                    moved = shown[q + 1 if q < 2 else 0, where] - shown[0, where]
+                    row[timing + q] = factor * (moved - reference[q + 1] + reference[0]) / h[q]
+                row[logs + side] = far / (threshold * scale)
+                _add(matrix, slopes, row, slope, bend)
+        for a in range(n_all):
+            for b in range(a):
+                matrix[b, a] = matrix[a, b]

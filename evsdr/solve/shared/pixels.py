@@ -1,0 +1,147 @@
+"""Some pixels with their events and their light: what the inference of shared unknowns works on."""
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import numpy as np
+from scipy import ndimage
+
+from evsdr.events.pair_kernel import sort_by_pixel
+from evsdr.events.phase import position
+from evsdr.frozen import recorded
+from evsdr.model.arrays import columns, owned
+from evsdr.model.illumination import Illumination
+from evsdr.model.lambert import LambertianRing
+from evsdr.records import Recording
+from evsdr.solve.levenberg import horizon
+from evsdr.solve.problem import Problem
+from evsdr.solve.shared.rig import Rig, across
+from evsdr.solve.solution import Solution
+from evsdr.solve.unknowns import to_normal
+
+FEWEST_EVENTS = 20  # of a pixel that tells
+CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more may be wrong
+GRAZING = 0.02  # n . l below which a direction's derivative is left out
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """Some pixels.
+
+    Attributes
+    ----------
+    model : callable
+        Forward model of these.
+    softness : Float, (n_pixel)
+        Of their horizon.
+    events, leds
+        See `kernel.pixel_sums`.
+    threshold : (n_pixel, 2) float64
+        C_on and C_off as told.
+    crossfade, slot_us : float
+        Of the schedule.
+    """
+
+    model: object
+    softness: object
+    events: tuple
+    leds: np.ndarray
+    threshold: np.ndarray
+    crossfade: float
+    slot_us: float
+
+    @property
+    def light(self) -> Illumination:
+        return self.model.illumination
+
+    @property
+    def n_event(self) -> int:
+        return len(self.events[1])
+
+    def signals(self, theta: np.ndarray, rig: Rig) -> np.ndarray:
+        """Give the signals (n_pixel, 4, n_led) of maps (n_pixel, 2 + n_band) under a rig, see `kernel.pixel_sums`."""
+        Float = type(self.light.constant_light)
+        model = self.model
+        if rig.tilt.any():
+            model = replace(model, illumination=turned(self.light, rig.tilt))
+        parts = _signals(model, columns(Float, theta), self.softness)
+        rows = [[np.broadcast_to(v.numpy(), len(theta)) for v in part] for part in parts]
+        return np.ascontiguousarray(np.transpose(rows, (2, 0, 1)) * np.exp(rig.log_power))
+
+    def tilts(self, theta: np.ndarray, rig: Rig) -> np.ndarray:
+        """Give the derivatives (n_pixel, n_led, 2) of log A_xj by the direction of far LEDs."""
+        normal = to_normal(theta)
+        out = np.zeros((len(theta), self.light.n_led, 2))
+        for j, direction in enumerate(turned(self.light, rig.tilt).direction):
+            here = vector_of(direction)
+            cosine = normal @ here
+            inverse = np.where(cosine > GRAZING, 1 / np.maximum(cosine, GRAZING), 0.0)
+            out[:, j] = inverse[:, None] * (normal @ across(here).T)
+        return out
+
+
+@recorded
+def _signals(model, theta: list, softness):
+    signal, by_p, by_q, *diffuse = model(theta[0], theta[1], [dr.exp(t) for t in theta[2:]], softness)
+    return signal, by_p, by_q, diffuse[0] if diffuse else signal
+
+
+def is_far(light: Illumination) -> bool:
+    """Tell whether every LED has one direction for all pixels."""
+    return all(dr.width(direction) == 1 for direction in light.direction)
+
+
+def turned(light: Illumination, tilt: np.ndarray) -> Illumination:
+    """Turn the directions of far LEDs by angles (n_led, 2) along `rig.across` [rad]."""
+    out = []
+    for direction, angles in zip(light.direction, tilt):
+        here = vector_of(direction)
+        moved = here + angles @ across(here)
+        kind = type(direction.x)
+        out.append(type(direction)(*(dr.opaque(kind, float(v)) for v in moved / np.linalg.norm(moved))))
+    return replace(light, direction=out)
+
+
+def vector_of(direction) -> np.ndarray:
+    """Give the direction of a far LED (3,)."""
+    return np.array([float(part[0]) for part in direction])
+
+
+def choose(problem: Problem, solution: Solution, most: int) -> np.ndarray:
+    """Choose pixels that tell: with events enough that agree with the model, and not at the rim of the object."""
+    inner = ndimage.binary_erosion(problem.grid.mask, np.ones((3, 3)))
+    clear = (problem.pairs.counts >= FEWEST_EVENTS) & (solution.noise_factor < CLEAR)
+    clear &= inner.ravel()[problem.pixel]
+    return np.sort(np.random.default_rng(0).permutation(np.flatnonzero(clear))[:most])
+
+
+def collect(recording: Recording, problem: Problem, solution: Solution, row: np.ndarray) -> Pixels:
+    """Collect some rows of a problem, with the events of their pixels."""
+    chosen = np.zeros(problem.grid.mask.shape, bool)
+    number = problem.pixel[row]
+    chosen.ravel()[number] = True
+    offset, p, t = sort_by_pixel(*(getattr(recording.events, name) for name in "xypt"), chosen)
+    first = np.append(offset[number], offset[-1])
+    schedule, rounds = recording.schedule, recording.round_start_us
+    at, inside = position(t, schedule, rounds)
+    end = rounds[-1] if len(rounds) > 1 else recording.events.t.max()
+    last = t[first[1:] - 1]
+    gap, rest = np.diff(t, prepend=t[:1]), np.maximum(end - last, 0)
+    inside &= np.append(False, inside[:-1])
+    polarity = (2 * p - 1).astype(np.int8)
+    pairs, light = problem.pairs, problem.illumination
+    Float, UInt32 = type(light.constant_light), type(pairs.offset)
+    soft = dr.opaque(Float, light.horizon, problem.n_pixel)
+    if solution.curved:
+        soft = horizon(columns(Float, solution.theta), problem.grid.links, soft)
+    thresholds = [value.numpy()[row] for value in (pairs.threshold_on, pairs.threshold_off)]
+    here = light.gather(owned(UInt32, row))
+    return Pixels(
+        model=LambertianRing(here),
+        softness=owned(Float, soft.numpy()[row]),
+        events=(first, at, gap / schedule.slot_us, polarity, inside, rest / schedule.slot_us),
+        leds=np.where(schedule.order < 0, light.n_led, schedule.order).astype(np.int64),
+        threshold=np.stack(thresholds, axis=-1).astype(float),
+        crossfade=float(schedule.crossfade),
+        slot_us=float(schedule.slot_us),
+    )
