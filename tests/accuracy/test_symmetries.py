@@ -128,5 +128,13 @@ def test_the_clock_does_not_matter(shift):
     events = replace(recording.events, t=recording.events.t + shift)
     later = replace(recording, events=events, round_start_us=recording.round_start_us + shift)
     before, after = pair_events(recording), pair_events(later)
-    for name in ("offset", "phase_start", "phase_end", "polarity", "silent_start", "silent_probe"):
+    for name in (
+        "offset",
+        "phase_start",
+        "phase_end",
+        "polarity",
+        "silent_start",
+        "silent_end",
+        "silent_probe",
+    ):
         np.testing.assert_array_equal(getattr(before, name), getattr(after, name))

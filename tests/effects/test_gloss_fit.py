@@ -12,7 +12,8 @@ from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import load_scene
 from evsdr.model.gloss import GlossyRing, RoughCoating
 from evsdr.model.lambert import LambertianRing
-from evsdr.solve.loss import derivative_table, normal_equations, residuals
+from evsdr.solve.event_terms import normal_equations
+from evsdr.solve.loss import derivative_table, residuals
 from evsdr.solve.pair_data import thin
 from evsdr.solve.unknowns import to_theta
 from tests.support.glossy import KINDS, floats, mean_error, sphere
@@ -43,7 +44,7 @@ def test_normal_equations_know_what_scales_with_reflectance(coated):
         p, q, *rho = floats(*theta)
         signal, by_p, by_q, diffuse = model(p, q, [dr.exp(r) for r in rho], mi.Float(0.01))
         table = derivative_table(signal, by_p, by_q, light.band, n, diffuse)
-        given = table, pairs, light.constant_light, 8, 0.3, 3.0, False, 0.9
+        given = table, pairs, light.constant_light, 8, 0.3, 3.0, False, True
         cost, gradient, _ = normal_equations(*given)
         return cost.numpy().astype(float), np.array([g.numpy() for g in gradient])
 
@@ -67,7 +68,9 @@ def test_weights_count(coated):
 
     def terms(weight):
         pairs = problem.pairs if weight is None else replace(problem.pairs, weight=weight)
-        cost, gradient, matrix = normal_equations(table, pairs, light.constant_light, 8, 0.1, 3.0, False, 0.9)
+        cost, gradient, matrix = normal_equations(
+            table, pairs, light.constant_light, 8, 0.1, 3.0, False, True
+        )
         return np.array([v.numpy() for v in (cost, *gradient, *matrix)])
 
     n_pair = dr.width(problem.pairs.phases) // 2

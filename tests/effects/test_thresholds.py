@@ -5,9 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from evsdr.effects.thresholds import Thresholds
+from evsdr.effects.thresholds import Thresholds, ThresholdScale
 from evsdr.effects.world import Terms
 from evsdr.records import Sensor
+from tests.support.shared_worlds import FITTED, decision, found
+from tests.support.shared_worlds import world as shared_world
 
 
 def world(on=0.2, solver="lm", constant_light=0.05):
@@ -33,3 +35,23 @@ def test_who_tells_the_thresholds(asked, given, estimated, words):
     decision = Thresholds().decide(asked, world(**given), None)
     assert decision.modelled == estimated and words in decision.why
     assert decision.why.startswith("estimated per pixel: " if estimated else "as told: ")
+
+
+def test_thresholds_that_are_unknown_anyway_have_no_scale():
+    assert ThresholdScale().decide("auto", shared_world(known=found(), thresholds=True), FITTED) is None
+    assert ThresholdScale().decide("auto", shared_world(known=found()), FITTED).modelled
+
+
+def test_a_scale_in_words_and_numbers():
+    shared = found(log_threshold=np.log([1.2, 0.9]))
+    assert ThresholdScale().say(shared) == "1.2 times the told C_on, 0.9 times the told C_off"
+    numbers = ThresholdScale().numbers(shared)
+    assert numbers["threshold_factor"] == pytest.approx([1.2, 0.9])
+    assert numbers["threshold_factor_sigma"] == pytest.approx([0.012, 0.009])
+
+
+def test_a_scale_multiplies_what_is_told():
+    chosen = decision(ThresholdScale(), log_threshold=np.log([1.2, 0.9]))
+    sensor = ThresholdScale().model(shared_world(), chosen).recording.sensor
+    np.testing.assert_allclose(sensor.contrast_threshold_on, np.full((2, 2), 0.24), rtol=1e-6)
+    assert sensor.contrast_threshold_off == pytest.approx(0.27)

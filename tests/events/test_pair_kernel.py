@@ -39,10 +39,21 @@ def test_pairs_by_hand():
     fired_inside = np.array([True, True, True, True, True, False])
     memorised_inside = np.array([True, True, True, False, True, True])
     given = offset, p, t, fired, fired_inside, memorised, memorised_inside
-    pair_offset, start, end, polarity, n_dropped, n_close = pair(*given, 20.0)
+    ahead, left = np.arange(6, dtype=np.float32) / 4, np.arange(6, dtype=np.float32) / 8 + 3
+    pair_offset, start, end, polarity, bias, n_dropped, n_close = pair(*given, 20.0, ahead, left)
     np.testing.assert_array_equal(pair_offset, [0, 1, 1])
     assert (start.tolist(), end.tolist(), polarity.tolist()) == ([10.0], [1.0], [-1])
+    assert bias.tolist() == [0.25 - 3.0]  # what is there when it fires, without what was memorised
     assert (n_dropped, n_close) == (3, 1)
+
+
+def test_a_pair_that_rounding_makes_empty_has_no_bias():
+    """It starts where it ends: noise would count twice."""
+    one, inside = np.ones(2, np.float32), np.ones(2, bool)
+    found = pair(
+        np.array([0, 2]), np.ones(2, np.int8), np.array([0, 20]), one, inside, one, inside, 20.5, one, 3 * one
+    )
+    assert len(found[4]) == 1 and found[4][0] == 0
 
 
 @pytest.mark.parametrize("refractory_us", [0.0, 33.0])
@@ -57,20 +68,29 @@ def test_silences_are_the_slot_starts_that_pass(refractory_us):
         return (at / SLOT_US % N_SLOT).astype(np.float32)
 
     inside = times + refractory_us < last_us
-    told = rng.random(len(times)).astype(np.float32)
+    shown, kept, left = rng.random((3, len(times))).astype(np.float32)
+    p = rng.integers(0, 2, len(times)).astype(np.int8)
     end = last_us, float(phase(np.array(last_us))), True
     found = list_silences(
-        offset, times, phase(times), np.ones(len(times), bool), phase(times + refractory_us), inside, told,
-        refractory_us, SLOT_US, N_SLOT, end,
+        offset, p, times, phase(times), np.ones(len(times), bool), phase(times + refractory_us), inside,
+        (shown, kept, left), refractory_us, SLOT_US, N_SLOT, end,
     )  # fmt: skip
-    expected_offset, expected = [0], []
+    silences, count = [0], []
     for pixel in range(4):
         for k in range(offset[pixel], offset[pixel + 1]):
-            until = times[k + 1] if k + 1 < offset[pixel + 1] else last_us
+            followed = k + 1 < offset[pixel + 1]
+            until = times[k + 1] if followed else last_us
             first = int((times[k] + refractory_us) // SLOT_US) + 1
-            starts = [s for s in range(first, first + N_SLOT) if s * SLOT_US <= until]
-            expected += [(told[k], s % N_SLOT) for s in starts]
-        expected_offset.append(len(expected))
-    np.testing.assert_array_equal(found[0], expected_offset)
-    np.testing.assert_array_equal(np.stack(found[1:], axis=1), np.array(expected, np.float32))
-    assert len(expected) > 20
+            starts = [s % N_SLOT for s in range(first, first + N_SLOT) if s * SLOT_US <= until]
+            if starts:
+                last = (shown[k + 1], 2.0 * p[k + 1] - 1) if followed else (end[1], 0.0)
+                count.append(((kept[k], *last, -left[k]), starts))
+        silences.append(len(count))
+    silent_offset, start, until, polarity, bias, probe_offset, probe = found
+    np.testing.assert_array_equal(silent_offset, silences)
+    np.testing.assert_array_equal(
+        np.stack([start, until, polarity, bias], axis=1), np.array([told for told, _ in count], np.float32)
+    )
+    np.testing.assert_array_equal(probe_offset, np.append(0, np.cumsum([len(starts) for _, starts in count])))
+    np.testing.assert_array_equal(probe, np.concatenate([starts for _, starts in count]))
+    assert len(count) > 8 and (polarity == 0).sum() == 3

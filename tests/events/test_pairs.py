@@ -163,8 +163,11 @@ def test_silence_is_probed_at_every_slot_start_between_events():
     assert begin == 0
     assert end == pairs.silent_offset[-1]
     # from 60 to 330: slots 1, 2, 3; from 340 to the end: slot 0 of the second round and on
-    np.testing.assert_array_equal(pairs.silent_probe[begin:end], [1, 2, 3, 0, 1, 2, 3])
-    np.testing.assert_array_equal(pairs.silent_start[begin:end], [0, 0, 0, 3, 3, 3, 3])
+    np.testing.assert_array_equal(pairs.silent_probe, [1, 2, 3, 0, 1, 2, 3])
+    np.testing.assert_array_equal(pairs.probe_offset, [0, 3, 7])
+    np.testing.assert_array_equal(pairs.silent_start[begin:end], [0, 3])
+    np.testing.assert_array_equal(pairs.silent_end[begin:end], [3, 3])
+    np.testing.assert_array_equal(pairs.silent_polarity[begin:end], [-1, 0])
 
 
 def test_a_silence_of_many_rounds_is_probed_for_one():

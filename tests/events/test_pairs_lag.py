@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evsdr.events.pairs import pair_events
-from evsdr.events.photoreceptor import Photoreceptors
+from evsdr.events.photoreceptor import Photoreceptors, Shown
 from evsdr.events.pixel import EventPixel
 from evsdr.events.simulator import simulate_events
 from evsdr.records import Events, Recording, Schedule, Sensor
@@ -16,11 +16,20 @@ TAU_SLOTS = 1e6 / (2 * np.pi * CUTOFF_HZ) / SLOT_US
 
 
 class Late:
-    """Photoreceptors that are a quarter of a slot late; of OFF events an eighth more."""
+    """Photoreceptors that are a quarter of a slot late; noise of events tells their number."""
 
-    def shown(self, position, pixel, polarity=0.0):
-        assert (pixel == 5).all()
-        return ((position - 0.25 - 0.125 * (np.asarray(polarity) < 0)) % 4).astype(np.float32)
+    def shown(self, offset, position, polarity):
+        np.testing.assert_array_equal(offset, 3 * (np.arange(9) > 5))
+        fired = self._late(position)
+        number = np.arange(3, dtype=np.float32)
+        return Shown(fired, self._late(position + 0.3), polarity * (1 + number), polarity * number / 8)
+
+    def phases(self, offset, position):
+        np.testing.assert_array_equal(offset, 3 * (np.arange(9) > 5))
+        return self._late(position)
+
+    def _late(self, position):
+        return ((position - 0.25) % 4).astype(np.float32)
 
 
 def test_what_photoreceptors_show_counts_everywhere():
@@ -32,9 +41,13 @@ def test_what_photoreceptors_show_counts_everywhere():
     recording = Recording(events, Sensor(4, 2, 0.2, 0.2, 30.0), schedule, rounds)
     pairs = pair_events(recording, None, Late())
     np.testing.assert_allclose(pairs.phase_start, [0.8 - 0.25, 1.6 - 0.25], rtol=1e-6)
-    np.testing.assert_allclose(pairs.phase_end, [1.3 - 0.25, 3.1 - 0.375], rtol=1e-6)
+    np.testing.assert_allclose(pairs.phase_end, [1.3 - 0.25, 3.1 - 0.25], rtol=1e-6)
+    np.testing.assert_allclose(pairs.bias, [2 - 0, -3 - 1 / 8])
     # from 80 to 130 us slot 1 starts, from 160 to 310 slots 2 and 3, from 340 to the end none
-    np.testing.assert_allclose(pairs.silent_start, [0.55, 1.35, 1.35], rtol=1e-6)
+    np.testing.assert_allclose(pairs.silent_start, [0.55, 1.35], rtol=1e-6)
+    np.testing.assert_allclose(pairs.silent_end, [1.3 - 0.25, 3.1 - 0.25], rtol=1e-6)
+    np.testing.assert_allclose(pairs.silent_bias, [0, -1 / 8])
+    np.testing.assert_array_equal(pairs.probe_offset, [0, 1, 3])
     np.testing.assert_allclose(pairs.silent_probe, [0.75, 1.75, 2.75], rtol=1e-6)
 
 
@@ -49,7 +62,8 @@ def test_the_pair_law_holds_for_what_lagging_pixels_show(crossfade, rng):
     signal = (light - 0.05).T.reshape(8, 2, 3)
     events, on, off, starts = simulate_events(signal, 0.05, schedule, 5, pixel)
     recording = Recording(events, Sensor(3, 2, on, off, REFRACTORY_US), schedule, starts)
-    receptors = Photoreceptors.under(light, np.arange(6, dtype=np.int32), TAU_SLOTS, crossfade)
+    rows, refractory = np.arange(6, dtype=np.int32), REFRACTORY_US / SLOT_US
+    receptors = Photoreceptors(light, rows, crossfade, TAU_SLOTS, refractory=refractory)
 
     def log_light(phase, pixel):
         slot, fade = np.divmod(phase.astype(float), 1)
@@ -60,8 +74,9 @@ def test_the_pair_law_holds_for_what_lagging_pixels_show(crossfade, rng):
         pairs = pair_events(recording, None, receptors)
         pixel = np.repeat(np.arange(6), np.diff(pairs.offset.astype(int)))
         change = log_light(pairs.phase_end, pixel) - log_light(pairs.phase_start, pixel)
-        silent = np.repeat(np.arange(6), np.diff(pairs.silent_offset.astype(int)))
-        quiet = log_light(pairs.silent_probe, silent) - log_light(pairs.silent_start, silent)
+        silent = np.repeat(np.arange(6), np.diff(pairs.probe_offset[pairs.silent_offset].astype(int)))
+        start = np.repeat(pairs.silent_start, np.diff(pairs.probe_offset.astype(int)))
+        quiet = log_light(pairs.silent_probe, silent) - log_light(start, silent)
         assert len(change) > 150 and len(quiet) > 50
         threshold = np.where(pairs.polarity > 0, 0.2, 0.3)
         return np.abs(pairs.polarity * change - threshold), np.maximum(quiet / 0.2, -quiet / 0.3)

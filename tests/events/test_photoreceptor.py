@@ -1,93 +1,95 @@
-"""Photoreceptors in closed form against small steps of their equation."""
+"""Photoreceptors of an image: what they show of events, and what their noise adds."""
 
 import numpy as np
 import pytest
 
+from evsdr.events.lead import TABLE, kept, read_lead
 from evsdr.events.photoreceptor import Photoreceptors
+from tests.support.receptor_steps import CROSSFADES, N_SLOT, TAU, light_of, stepped
 
-N_SLOT, N_STEP = 7, 10_500  # steps per round, 1500 per slot
-TAU = 0.01  # slots: slower than an EVK4 in slots of 20 ms
-
-
-def light_at(position, light, crossfade):
-    """Give I (n_pixel) at slot + fraction."""
-    slot = int(position) % N_SLOT
-    fade = max(position - int(position) - (1 - crossfade), 0) / crossfade if crossfade else 0
-    return light[:, slot] + fade * (light[:, (slot + 1) % N_SLOT] - light[:, slot])
-
-
-def stepped(light, crossfade, tau):
-    """Give v (N_STEP, n_pixel) after each step of the third round."""
-    dt = N_SLOT / N_STEP
-    v, out = np.log(light[:, 0]), []
-    for k in range(3 * N_STEP):
-        now = light_at((k + 0.5) * dt, light, crossfade)
-        v = np.log(now) + (v - np.log(now)) * np.exp(-dt * now / tau)
-        out.append(v)
-    return np.array(out[2 * N_STEP :])
+N_PIXEL = 6
+ROWS = np.arange(N_PIXEL, dtype=np.int32)
 
 
 @pytest.fixture
 def light(rng):
-    out = 0.05 + rng.random((6, N_SLOT)) ** 3
+    out = 0.05 + rng.random((N_PIXEL, N_SLOT)) ** 3
     out[0, 2:5] = 0.05  # dark slots
-    out[1, 3] = out[1, 4]  # a slot of steady light
     return out
 
 
-@pytest.mark.parametrize(
-    "crossfade, tau",
-    [(1.0, TAU), (0.3, TAU), (1.0, 10 * TAU), (0.02, TAU), (1e-9, TAU), (0.0, TAU), (0.0, 10 * TAU)],
-)
-def test_light_of_the_phase_is_what_is_shown(light, crossfade, tau):
-    receptors = Photoreceptors.under(light, np.arange(6, dtype=np.int32), tau, crossfade)
-    v = stepped(light, crossfade, tau)
-    step = np.arange(50, N_STEP, 49)
-    position = (step + 1) * N_SLOT / N_STEP
-    worst, moved = 0, 0
-    for pixel in range(6):
-        phase = receptors.shown(position, np.full(len(step), pixel)).astype(float)
-        slot, fade = phase.astype(int), phase % 1
-        light_then = light[pixel, slot] + fade * (light[pixel, (slot + 1) % N_SLOT] - light[pixel, slot])
-        worst = max(worst, np.abs(np.log(light_then) - v[step, pixel]).max())
-        now = np.log([light_at(p, light, crossfade)[pixel] for p in position])
-        moved = max(moved, np.abs(now - v[step, pixel]).max())
-    assert moved > 0.2 and worst < 0.004
+def look(receptors, position, pixel=None, polarity=1.0):
+    """Look at events at positions, all of one pixel, or of every pixel if none is named."""
+    n = len(position)
+    count = np.full(N_PIXEL, n) if pixel is None else n * (np.arange(N_PIXEL) == pixel)
+    position = np.tile(position, count.sum() // n)
+    return receptors.shown(
+        np.append(0, np.cumsum(count)), position, np.broadcast_to(polarity, len(position)) * 1.0
+    )
+
+
+def log_light(phase, light):
+    slot, fade = phase.astype(int), phase.astype(float) % 1
+    return np.log(light[slot] + fade * (light[(slot + 1) % N_SLOT] - light[slot]))
+
+
+@pytest.mark.parametrize("crossfade", CROSSFADES)
+def test_the_light_of_the_phases_is_what_is_shown(light, crossfade):
+    """When events fire, and a refractory period later, also into the next round."""
+    steps = np.arange(50, 10_500, 49)
+    refractory = 200 * N_SLOT / 10_500
+    given = Photoreceptors(light, ROWS, crossfade, TAU, dark=0.1, refractory=refractory)
+    found, late = look(given, (steps + 1) * N_SLOT / 10_500), 0.0
+    for pixel in range(N_PIXEL):
+        _, log_now, v = stepped(light[pixel], TAU, 0.1, crossfade)
+        mine = slice(pixel * len(steps), (pixel + 1) * len(steps))
+        for phases, k in ((found.fired, steps), (found.memorised, (steps + 200) % len(v))):
+            np.testing.assert_allclose(log_light(phases[mine], light[pixel]), v[k], atol=0.005)
+            late = max(late, np.abs(log_now[k] - v[k]).max())
+    assert late > 0.15 and not found.ahead.any() and not found.left.any()
 
 
 def test_fast_photoreceptors_show_the_light_of_now(light):
-    receptors = Photoreceptors.under(light, np.arange(6, dtype=np.int32), 1e-7, 1.0)
+    receptors = Photoreceptors(light, ROWS, 1.0, 0.0)
     position = np.linspace(0.2, 6.9, 50)
-    np.testing.assert_allclose(receptors.shown(position, np.full(50, 3)), position, atol=1e-3)
+    np.testing.assert_allclose(look(receptors, position, 3).fired, position, atol=1e-3)
 
 
-def test_the_moment_of_a_hard_switch_shows_the_light_before_it(light):
-    receptors = Photoreceptors.under(light, np.arange(6, dtype=np.int32), 1e-4, 0.0)
-    slot = np.repeat(np.arange(1, N_SLOT), 6)
-    phase = receptors.shown(slot.astype(float), np.tile(np.arange(6), N_SLOT - 1)).astype(float)
-    before, fade = phase.astype(int), phase % 1
-    pixel = np.tile(np.arange(6), N_SLOT - 1)
-    found = light[pixel, before] + fade * (light[pixel, (before + 1) % N_SLOT] - light[pixel, before])
-    np.testing.assert_allclose(found, light[pixel, slot - 1], rtol=1e-6)
+def test_the_moment_of_a_hard_switch_shows_the_light_after_it_only_later(light):
+    receptors = Photoreceptors(light, ROWS, 0.0, 0.1 * TAU)
+    slot = np.arange(1.0, N_SLOT)
+    v = log_light(look(receptors, slot + 1e-9, 3).fired, light[3])
+    before = np.log([light_of(s - 0.5, light[3], 0.0) for s in slot])
+    np.testing.assert_allclose(v, before, atol=1e-3)
 
 
-def test_noise_adds_to_what_is_shown():
-    light = np.tile(0.1 * 2.0 ** np.arange(N_SLOT), (1, 1))
-    receptors = Photoreceptors.under(light, np.zeros(1, np.int32), 1e-7, 1.0, noise=0.01)
-    position = np.array([2.5, 2.5, 2.5])
-    phase = receptors.shown(position, np.zeros(3, int), np.array([1.0, -1.0, 0.0])).astype(float)
-    shown = np.log(light[0, 2] + (phase - 2) * (light[0, 3] - light[0, 2]))
-    np.testing.assert_allclose(shown - shown[2], [0.01, -0.01, 0], atol=1e-4)
+def test_phases_are_those_of_silent_events(light):
+    receptors = Photoreceptors(light, ROWS, 1.0, TAU, noise=0.02, refractory=0.1)
+    position = np.linspace(0, 6.99, 40)
+    offset = np.append(0, np.cumsum(np.full(N_PIXEL, 40)))
+    phases = receptors.phases(offset, np.tile(position, N_PIXEL))
+    np.testing.assert_array_equal(phases, look(receptors, position).fired)
 
 
-def test_noise_moves_no_phase_far_where_light_hardly_changes():
-    light = 0.5 + 1e-3 * np.arange(N_SLOT)[None]
-    receptors = Photoreceptors.under(light, np.zeros(1, np.int32), 1e-7, 1.0, noise=0.01)
-    phase = receptors.shown(np.full(2, 2.5), np.zeros(2, int), np.array([1.0, -1.0]))
-    np.testing.assert_allclose(phase, [2.58, 2.42], atol=1e-4)
+def test_noise_adds_its_lead_and_what_is_kept_of_it():
+    """Light that grows evenly in its logarithm, so that the lag is one number."""
+    growth, tau, noise, refractory = 0.7, 1e-3, 0.01, 0.001
+    light = np.tile(0.1 * np.exp(growth * np.arange(N_SLOT)), (N_PIXEL, 1))
+    receptors = Photoreceptors(light, ROWS, 1.0, tau, noise=noise, refractory=refractory)
+    polarity = np.array([1.0, -1.0])
+    found = look(receptors, np.array([3.5, 3.5]), 2, polarity)
+    now = light_of(3.5, light[2], 1.0)
+    late = (light[2, 4] - light[2, 3]) / now / (now / tau)
+    lead, _, velocity = read_lead(TABLE, noise / late)
+    np.testing.assert_allclose(found.ahead, polarity * noise * lead, rtol=0.01)
+    level, share = kept(refractory * now / tau)
+    np.testing.assert_allclose(found.left, polarity * noise * (level * lead + share * velocity), rtol=0.02)
+    assert 0.2 * abs(found.ahead[0]) < abs(found.left[0]) < abs(found.ahead[0])
 
 
 def test_pixels_of_unknown_light_keep_their_phases(light):
-    receptors = Photoreceptors.under(light, np.array([-1, 0], np.int32), TAU, 0.5)
-    phase = receptors.shown(np.array([1.25, 1.75]), np.zeros(2, int))
-    np.testing.assert_allclose(phase, [1.0, 1.5])
+    receptors = Photoreceptors(light, np.full(N_PIXEL, -1, np.int32), 0.5, TAU, noise=0.01, refractory=0.4)
+    found = look(receptors, np.array([1.25, 1.75]), 1)
+    np.testing.assert_allclose(found.fired, [1.0, 1.5])
+    np.testing.assert_allclose(found.memorised, [1.3, 2.0])
+    assert not found.ahead.any() and not found.left.any()

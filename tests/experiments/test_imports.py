@@ -20,6 +20,7 @@ MEASURED = {
     "gloss": {"fitting.simulation", "light"},  # adds a lobe to rendered images
     "limit": {"limits", "jit"},
     "picture.py": {"files.daylight"},
+    "shared": {"solve.shared"},
 }
 FILES = sorted(path.relative_to(EXPERIMENTS) for path in EXPERIMENTS.rglob("*.py"))
 

@@ -3,11 +3,13 @@
 import pytest
 
 from evsdr.errors import InputError
-from evsdr.fitting.settings import PRIORS, Settings, check_priors, check_settings
+from evsdr.fitting.settings import PRIORS, SHARED, Settings, check_names, check_settings
 
 
 def test_good_settings():
     check_settings(Settings())
+    check_settings(Settings(shared=(), leds_told_to=2.0))
+    check_settings(Settings(shared=("powers", "lag")))
     check_settings(Settings(preset="accurate", shadows="estimate", priors=(), seed=2**32 - 1, limit_deg=1e-3))
 
 
@@ -17,6 +19,9 @@ def test_good_settings():
         ({"shadows": "dark"}, "shadows is 'dark'; choose one of auto, off, scene"),
         ({"preset": None}, "preset is None; choose one of fast"),
         ({"priors": ("normal", "hope")}, "priors: there is no 'hope'; name some of normal"),
+        ({"shared": ("lag", "moods")}, "shared: there is no 'moods'; name some of powers, lag"),
+        ({"leds_told_to": -1.0}, "leds_told_to is -1; give degrees"),
+        ({"leds_told_to": float("nan")}, "leds_told_to is nan"),
         ({"seed": -1}, "seed is -1"),
         ({"limit_deg": 0.0}, "limit_deg is 0"),
         ({"limit_deg": float("nan")}, "limit_deg is nan"),
@@ -27,7 +32,8 @@ def test_bad_settings(setting, words):
         check_settings(Settings(**setting))
 
 
-def test_priors_are_those_that_there_are():
-    check_priors(PRIORS, "priors")
-    with pytest.raises(InputError, match="^--priors x: there is no 'x'"):
-        check_priors(("x",), "--priors x")
+@pytest.mark.parametrize(("known", "what"), [(PRIORS, "priors"), (SHARED, "shared")])
+def test_names_are_those_that_there_are(known, what):
+    check_names(known, known, what)
+    with pytest.raises(InputError, match=f"^--{what} x: there is no 'x'; name some of {known[0]}"):
+        check_names(("x",), known, f"--{what} x")

@@ -11,8 +11,9 @@ from evsdr.fitting import story
 from evsdr.solve import trial
 
 FAST = evsdr.Settings(preset="fast")
-TEN = {"LEDs", "cast shadows", "rays per pixel", "hot pixels", "contrast thresholds", "refractory period"}
-TEN |= {"wiring", "photoreceptor lag", "light paths", "gloss"}
+ALL = {"LEDs", "cast shadows", "rays per pixel", "hot pixels", "contrast thresholds", "refractory period"}
+ALL |= {"wiring", "photoreceptor lag", "light paths", "gloss"}
+ALL |= {"LED powers", "LED directions", "shift of all times"}
 
 
 class LateTriggers:
@@ -21,15 +22,12 @@ class LateTriggers:
     name, option, when = "late triggers", "", "scene"
 
     def decide(self, asked, world, fitted):
-        problem, row = world.problem(), np.arange(0, world.mask.sum(), 3)
-        few = trial.of_recording(world.recording, problem, row)
-
-        def costs(delays):
-            cases = [trial.read(self.early(few, us), problem, row) for us in delays]
-            return trial.costs(cases, problem.illumination, row, False).sum(axis=1)
-
-        found = trial.search_scalar(costs, (0.0, 1000.0, 2000.0, 4000.0, 8000.0))
-        return Decision(self.name, found.gain > 20, f"by {found.value:.0f} us", found={"us": found.value})
+        row, delays = np.arange(0, world.mask.sum(), 3), np.arange(0.0, 5000.0, 1000.0)
+        worlds = [replace(world, recording=self.early(world.recording, us)) for us in delays]
+        cases = [early.problem().pairs.of_pixels(row) for early in worlds]
+        cost = trial.costs(cases, world.illumination(), row, False).sum(axis=1)
+        us = float(delays[np.argmin(cost)])
+        return Decision(self.name, us > 0, f"by {us:.0f} us", found={"us": us})
 
     def model(self, world, decision):
         return replace(world, recording=self.early(world.recording, decision.found["us"]))
@@ -61,7 +59,7 @@ def test_an_eleventh_effect(given, place, monkeypatch):
 
 def test_every_effect_is_decided_on_and_reported(given):
     found = evsdr.fit(*given, FAST)
-    assert set(found.decisions) == set(found.summary["effects"]) == TEN
+    assert set(found.decisions) == set(found.summary["effects"]) == ALL
     for name, effect in found.summary["effects"].items():
         assert set(effect) == {"modelled", "expected_deg", "found"}
         assert found.summary["model"][name] == found.decisions[name].why
@@ -78,3 +76,18 @@ def test_one_limit_for_all(tmp_path, limit_deg, modelled):
     found = evsdr.fit(ring, recording, replace(FAST, limit_deg=limit_deg))
     assert found.decisions["LEDs"].modelled == modelled
     assert 0.05 < found.decisions["LEDs"].expected_deg < 50
+
+
+@pytest.mark.parametrize(
+    ("settings", "names"),
+    [
+        ({}, {"powers", "lag", "shift", "refractory", "thresholds"}),
+        ({"leds_told_to": 0.5}, {"powers", "lag", "shift", "refractory", "thresholds", "directions"}),
+        ({"lag": "off", "refractory": "known"}, {"powers", "shift", "thresholds"}),
+        ({"thresholds": "known"}, {"powers", "lag", "shift", "refractory"}),
+        ({"shared": ("shift", "lag"), "lag": "off"}, {"shift"}),
+        ({"shared": ()}, set()),
+    ],
+)
+def test_what_is_unknown_of_all(settings, names):
+    assert set(story.unknown_of_all(evsdr.Settings(**settings))) == names

@@ -1,5 +1,7 @@
 """Pairs as arrays: packed and looked up, left out and thinned."""
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -33,7 +35,21 @@ def numbered(count):
 @pytest.fixture
 def pairs():
     weight = mi.Float(np.arange(COUNT.sum(), dtype=np.float32))
-    return PairData(*numbered(COUNT), None, None, None, *numbered(SILENT), weight)
+    silent_offset, silent_phases = numbered(SILENT)
+    probes = mi.UInt32(np.repeat(np.arange(SILENT.sum(), dtype=np.uint32), 2))
+    return PairData(
+        *numbered(COUNT),
+        threshold_on=None,
+        threshold_off=None,
+        slot_leds=None,
+        silent_offset=silent_offset,
+        silent_phases=silent_phases,
+        silent_probes=probes,
+        silent_bias=mi.Float(np.arange(SILENT.sum(), dtype=np.float32)),
+        probes=mi.Float(0),
+        bias=0.5 * weight,
+        weight=weight,
+    )
 
 
 def entries(offset, phases):
@@ -57,6 +73,10 @@ def test_thinned_lists_are_spread_evenly(pairs):
             assert not len(k) or (gap.min() >= n // len(k) and gap.max() <= -(-n // len(k)))
     kept = np.concatenate(entries(few.offset, few.phases))
     np.testing.assert_array_equal(few.weight.numpy(), kept)
+    np.testing.assert_array_equal(few.bias.numpy(), kept / 2)
+    kept = np.concatenate(entries(few.silent_offset, few.silent_phases))
+    np.testing.assert_array_equal(few.silent_probes.numpy(), np.repeat(kept, 2))
+    np.testing.assert_array_equal(few.silent_bias.numpy(), kept)
 
 
 def test_ignored_pixels_say_nothing(pairs):
@@ -69,6 +89,22 @@ def test_ignored_pixels_say_nothing(pairs):
         expected = np.arange(count.sum())[np.repeat(~ignored, count)]
         np.testing.assert_array_equal(np.concatenate(entries(offset, phases)), expected)
         np.testing.assert_array_equal(np.diff(offset.numpy().astype(int)), np.where(ignored, 0, count))
+
+
+@pytest.mark.parametrize("extra", ["bias", "weight"])
+def test_chosen_pixels_keep_what_their_pairs_have(pairs, extra):
+    """Also where one of the lists is left out."""
+    few = replace(
+        pairs,
+        threshold_on=mi.Float(np.arange(5, dtype=np.float32)),
+        threshold_off=mi.Float(np.ones(5, np.float32)),
+        **{({"bias", "weight"} - {extra}).pop(): None},
+    ).of_pixels(np.array([3, 1]))
+    kept = np.concatenate([np.arange(103, 110), np.arange(3)])
+    np.testing.assert_array_equal(np.concatenate(entries(few.offset, few.phases)), kept)
+    np.testing.assert_array_equal(getattr(few, extra).numpy(), kept * (0.5 if extra == "bias" else 1.0))
+    assert few.extras == [extra] and few.threshold_on.numpy().tolist() == [3, 1]
+    assert few.silent_offset is None and few.silent_bias is None
 
 
 phases = st.floats(0, 255, width=32, exclude_max=True)

@@ -16,17 +16,22 @@ COUNT, SILENT = np.array([2, 0, 4, 3, 1, 5]), np.array([1, 3, 2, 0, 2, 4])
 @pytest.fixture
 def recorded(rng):
     """A recording of six pixels, and its pairs, whose phases tell their own number."""
-    start, probe = np.arange(COUNT.sum()) / 16, np.arange(SILENT.sum()) / 16
+    start, silent = np.arange(COUNT.sum()) / 16, np.arange(SILENT.sum()) / 16
     pairs = Pairs(
         offset=np.append(0, np.cumsum(COUNT)).astype(np.uint32),
         phase_start=start.astype(np.float32),
         phase_end=(start + 0.5).astype(np.float32),
         polarity=rng.choice([-1, 1], len(start)).astype(np.int8),
+        bias=start.astype(np.float32) - 0.5,
         n_event=0,
         n_dropped=0,
         silent_offset=np.append(0, np.cumsum(SILENT)).astype(np.uint32),
-        silent_start=probe.astype(np.float32),
-        silent_probe=(probe + 0.25).astype(np.float32),
+        silent_start=silent.astype(np.float32),
+        silent_end=(silent + 0.25).astype(np.float32),
+        silent_polarity=rng.choice([-1, 0, 1], len(silent)).astype(np.int8),
+        silent_bias=silent.astype(np.float32) - 0.25,
+        probe_offset=3 * np.arange(len(silent) + 1, dtype=np.uint32),
+        silent_probe=np.arange(3 * len(silent), dtype=np.float32) % 2,
     )
     on = rng.uniform(0.1, 0.3, MASK.shape).astype(np.float32)
     schedule = Schedule(np.array([1, -1], np.int32), 100.0, 1.0)
@@ -49,17 +54,22 @@ def test_pairs_and_silences_of_the_masked_pixels(recorded, rng, hot):
     pixel = np.flatnonzero(MASK)
     np.testing.assert_array_equal(problem.pixel, pixel)
     np.testing.assert_array_equal(problem.fired, COUNT[pixel] > 0)
-    for offset, phases, count, polarity, length in (
-        (problem.pairs.offset, problem.pairs.phases, COUNT, pairs.polarity, 0.5),
-        (problem.pairs.silent_offset, problem.pairs.silent_phases, SILENT, np.ones(SILENT.sum()), 0.25),
+    ours = problem.pairs
+    for offset, phases, bias, count, polarity, length in (
+        (ours.offset, ours.phases, ours.bias, COUNT, pairs.polarity, 0.5),
+        (ours.silent_offset, ours.silent_phases, ours.silent_bias, SILENT, pairs.silent_polarity, 0.25),
     ):
         kept = np.repeat(MASK.ravel() & (np.arange(6) != hot), count)
         start, coded = phases.numpy().reshape(-1, 2).T
         k = np.flatnonzero(kept)
         np.testing.assert_allclose(start, k / 16)
         np.testing.assert_allclose(coded, polarity[k] * (1 + k / 16 + length))
+        np.testing.assert_allclose(bias.numpy(), k / 16 - length)
         n = np.where(pixel == hot, 0, count[pixel])
         np.testing.assert_array_equal(offset.numpy(), np.append(0, np.cumsum(n)))
+    probes = problem.pairs.silent_probes.numpy().reshape(-1, 2)
+    np.testing.assert_array_equal(probes, 3 * np.stack([k, k + 1], axis=-1))
+    np.testing.assert_array_equal(problem.pairs.probes.numpy(), pairs.silent_probe)
 
 
 def test_thresholds_and_light_of_the_masked_pixels(recorded, rng):

@@ -13,7 +13,6 @@ OTHER = dict(
     n_sweep=0,
     n_spread=1,
     wider=1.0,
-    fired_lower=0.0,
     density=False,
     silence=False,
     curved=False,

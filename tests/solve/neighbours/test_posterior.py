@@ -88,7 +88,7 @@ def test_nothing_to_learn_from_is_no_error():
     offset = problem.pairs.offset.numpy()
     part = slice(2 * offset[500], 2 * offset[503])
     silent = problem.pairs.silent_offset.numpy()
-    probes = slice(2 * silent[500], 2 * silent[503])
+    silences = slice(2 * silent[500], 2 * silent[503])
     small = replace(
         problem,
         pixel=problem.pixel[500:503],
@@ -100,7 +100,10 @@ def test_nothing_to_learn_from_is_no_error():
             threshold_on=problem.pairs.threshold_on.numpy()[500:503],
             threshold_off=problem.pairs.threshold_off.numpy()[500:503],
             silent_offset=mi.UInt32(silent[500:504] - silent[500]),
-            silent_phases=mi.Float(problem.pairs.silent_phases.numpy()[probes]),
+            silent_phases=mi.Float(problem.pairs.silent_phases.numpy()[silences]),
+            silent_probes=mi.UInt32(problem.pairs.silent_probes.numpy()[silences]),
+            silent_bias=mi.Float(problem.pairs.silent_bias.numpy()[silent[500] : silent[503]]),
+            bias=mi.Float(problem.pairs.bias.numpy()[offset[500] : offset[503]]),
         ),
     )
     small = replace(

@@ -1,0 +1,47 @@
+"""LEDs that shine otherwise than told: what is said, aimed, and warned of."""
+
+import numpy as np
+import pytest
+
+from evsdr.effects.leds import LedDirections, LedPowers
+from evsdr.effects.shared import Aim
+from evsdr.errors import InputWarning
+from tests.support.shared_worlds import decision, found, world
+
+POWER, TILT = np.log([1.1, 0.9, 1.0]), np.radians([[1.0, 0.0], [0.0, 2.0], [0.0, 0.0]])
+
+
+def test_powers_in_words_and_numbers():
+    shared = found(log_power=POWER)
+    assert LedPowers().say(shared).startswith("LED 1 is -10 % off, all 8.2 % on average")
+    numbers = LedPowers().numbers(shared)
+    assert numbers["power_factor"] == pytest.approx([1.1, 0.9, 1.0])
+    assert numbers["power_factor_sigma"] == pytest.approx([0.011, 0.009, 0.01])
+
+
+def test_directions_in_words_and_numbers():
+    shared = found(tilt=TILT)
+    assert LedDirections().say(shared) == "LEDs are 1 degrees off on average, 2 at most"
+    numbers = LedDirections().numbers(shared)
+    assert numbers["tilt_deg"][1] == pytest.approx([0, 2])
+    assert np.ravel(numbers["tilt_sigma_deg"]) == pytest.approx(np.full(6, np.degrees(0.01)))
+
+
+def test_powers_and_directions_add_up_to_one_aim():
+    first = LedPowers().model(world(), decision(LedPowers(), log_power=POWER))
+    np.testing.assert_array_equal(first.aim.log_power, POWER)
+    assert not first.aim.tilt.any()
+    both = LedDirections().model(first, decision(LedDirections(), tilt=TILT))
+    np.testing.assert_array_equal(both.aim.log_power, POWER)
+    np.testing.assert_array_equal(both.aim.tilt, TILT)
+    again = LedPowers().model(both, decision(LedPowers(), log_power=-POWER))
+    np.testing.assert_array_equal(again.aim.tilt, TILT)
+    alone = LedDirections().model(world(), decision(LedDirections(), tilt=TILT))
+    assert isinstance(alone.aim, Aim) and not alone.aim.log_power.any()
+
+
+def test_powers_far_off_are_warned_of():
+    """Beyond three times five percent; those above are not."""
+    far = decision(LedPowers(), log_power=np.array([0.0, 0.2, -0.2]))
+    with pytest.warns(InputWarning, match="^mine: LED powers differ .* by up to 20 %.*calibrate them"):
+        LedPowers().model(world(), far)

@@ -1,0 +1,140 @@
+"""What pixels share is inferred once, and each effect takes its part, or says why not."""
+
+from dataclasses import replace
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from evsdr.effects.clock import TimeShift
+from evsdr.effects.lag import PhotoreceptorLag
+from evsdr.effects.leds import LedDirections, LedPowers
+from evsdr.effects.refractory import Refractory
+from evsdr.effects.shared import Aim, find_shared, plus_minus
+from evsdr.effects.thresholds import ThresholdScale
+from evsdr.effects.world import Fitted, Memo, Terms
+from evsdr.model.illumination import Illumination
+from evsdr.solve.shared.pixels import vector_of
+from evsdr.solve.shared.rig import GROUPS
+from tests.support.shared_unknowns import Case, power_errors
+from tests.support.shared_worlds import FITTED, found, world
+from tests.support.sphere import solve, sphere_recording
+from tests.support.worlds import SmallWorld, problem_of
+
+EFFECTS = (LedPowers, LedDirections, TimeShift, Refractory, ThresholdScale, PhotoreceptorLag)
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+@pytest.mark.parametrize(
+    ("terms", "words"),
+    [
+        (Terms(solver="adam", thorough=False), "as told: the solver adam infers nothing but maps"),
+        (Terms(shared=()), "as told: asked for by --shared"),
+        (Terms(thorough=False), "as told: the preset fast does not look for it"),
+    ],
+)
+def test_when_nothing_is_inferred(kind, terms, words):
+    decision = kind().decide("auto", world(terms), None)
+    assert not decision.modelled and decision.why == words and decision.effect == kind.name
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_what_is_left_out_alone_is_as_told(kind):
+    shared = tuple(group for group in GROUPS if group != kind.group)
+    decision = kind().decide("auto", world(Terms(shared=shared), found()), FITTED)
+    assert not decision.modelled and decision.why.endswith("--shared")
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_too_few_pixels_tell_nothing(kind, monkeypatch):
+    monkeypatch.setattr("evsdr.effects.shared.find_shared", lambda world, fitted: None)
+    decision = kind().decide("auto", world(), FITTED)
+    assert not decision.modelled and decision.why == "as told: too few pixels tell it"
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+@pytest.mark.parametrize(("limit_deg", "modelled"), [(0.1, True), (0.3, False)])
+def test_one_limit_for_all(kind, limit_deg, modelled):
+    """What turns normals by 0.2 degrees."""
+    decision = kind().decide("auto", world(Terms(limit_deg=limit_deg), found()), FITTED)
+    assert decision.modelled == modelled and decision.expected_deg == 0.2
+    assert decision.why.startswith("as found: " if modelled else "as told: ") and decision.found
+
+
+def test_an_aim_changes_powers_and_directions():
+    vectors = [mi.Vector3f(0, 0, 1), mi.Vector3f(1, 0, 0)]
+    light = Illumination(vectors, [mi.Float(2.0), mi.Float([1.0, 3.0])], [0, 0], mi.Float(0.1))
+    aimed = Aim(np.log([1.1, 0.5]), np.array([[0.0, 0.0], [0.1, 0.0]]))(light)
+    np.testing.assert_allclose(aimed.irradiance[0].numpy(), [2.2], rtol=1e-6)
+    np.testing.assert_allclose(aimed.irradiance[1].numpy(), [0.5, 1.5], rtol=1e-6)
+    np.testing.assert_allclose(vector_of(aimed.direction[0]), [0, 0, 1], atol=1e-7)
+    turn = np.arccos(vector_of(aimed.direction[1])[0])
+    assert turn == pytest.approx(np.arctan(0.1), rel=1e-4)
+
+
+def test_near_leds_are_not_turned():
+    near = Illumination([mi.Vector3f([0, 1], 0, 1)] * 2, [mi.Float(1.0)] * 2, [0, 0], mi.Float(0.1))
+    assert Aim(np.zeros(2), np.ones((2, 2)))(near).direction is near.direction
+
+
+def test_values_are_written_with_their_sigma():
+    assert plus_minus((51.23, 0.456)) == "51.2 +- 0.46 us"
+
+
+class RealWorld(SmallWorld):
+    """With what an inference looks at."""
+
+    found, ring = None, None
+
+    @property
+    def memo(self):
+        return self.__dict__.setdefault("_memo", Memo())
+
+
+def given(case):
+    """As by default: directions are as told."""
+    terms = Terms(shared=tuple(group for group in GROUPS if group != "directions"))
+    return RealWorld(case.recording, terms=terms), Fitted(case.problem, case.solution, None)
+
+
+def test_what_pixels_share_is_found_once():
+    case = Case.sphere(size=18, wrong={"log_power": power_errors()}, event_noise=0.05)
+    world, fitted = given(case)
+    shared = find_shared(world, fitted)
+    assert find_shared(world, fitted) is shared and shared.slot_us == 10_000
+    assert shared.us("refractory")[0] == shared.inferred.rig.refractory * 10_000
+    decision = LedPowers().decide("auto", world, fitted)
+    assert decision.modelled and decision.answer is shared and decision.expected_deg > 0.3
+    assert np.std(np.log(decision.found["power_factor"]) - power_errors()) < 0.02
+
+
+def test_an_untold_refractory_period_is_found():
+    """Guessed as 52 us, it is 300: told it would hardly be that far off."""
+    recording, light, normal, mask = sphere_recording(18, event_noise=0.05, refractory_us=300.0)
+    sensor = replace(recording.sensor, refractory_us=52.0, guessed=("refractory_us",))
+    case = Case(replace(recording, sensor=sensor), light, normal, mask)
+    decision = Refractory().decide("auto", *given(case))
+    assert decision.found["refractory_us"]["found_us"] == pytest.approx(300, abs=30)
+    assert decision.found["refractory_us"]["told_us"] == 52.0
+    assert decision.answer.told.refractory_us == 200  # a guess is a wide prior
+
+
+def test_a_lag_is_modelled_where_there_is_one():
+    tau_us = 1e6 / (2 * np.pi * 3000)
+    case = Case.sphere(size=18, event_noise=0.05, cutoff_hz=3000.0)
+    decision = PhotoreceptorLag().decide("auto", *given(case))
+    assert decision.modelled and decision.found["tau_us"] == pytest.approx(tau_us, rel=0.15)
+    assert "late" in decision.why
+
+
+def test_few_pixels_tell_nothing():
+    recording, light, normal, mask = sphere_recording(18, event_noise=0.05)
+    few = np.zeros_like(mask)
+    few[6:11, 6:11] = True
+    assert find_shared(*given(FewPixels(recording, light, few))) is None
+
+
+class FewPixels:
+    def __init__(self, recording, light, mask):
+        self.recording, self.problem = recording, problem_of(recording, light, mask)
+        self.solution = solve(self.problem)

@@ -1,0 +1,128 @@
+"""What pixels share is found together with their maps, on small spheres whose rig is not as told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from evsdr.metrics import angular_error_deg
+from evsdr.records import Recording, Schedule, Sensor
+from evsdr.solve.shared.pixels import turned as turned_light
+from evsdr.solve.shared.rig import GROUPS, Told
+from evsdr.solve.unknowns import to_normal
+from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
+from tests.support.shared_unknowns import MOST, Case, dark_events, power_errors
+from tests.support.sphere import SPECTRUM, ring_light
+
+WRONG = dict(log_power=power_errors(), late_us=50, refractory=1.15, thresholds=1.15)
+QUIET = {"event_noise": 0.02}
+
+
+@pytest.fixture(scope="module")
+def wrong():
+    return Case.sphere(wrong=WRONG, cutoff_hz=3000.0, **QUIET)
+
+
+def test_all_at_once_is_found(wrong):
+    """LED powers 10 % off, events 50 us late, refractory period and thresholds told 15 % too high."""
+    found = wrong.infer()
+    slot_us = wrong.recording.schedule.slot_us
+    off = found.rig.log_power - WRONG["log_power"]
+    assert np.sqrt(np.mean(off**2)) < 0.005 < 0.05 < np.std(WRONG["log_power"])
+    assert np.abs(off / found.sigma.log_power).max() < 4.5
+    assert found.rig.shift * slot_us == pytest.approx(50, abs=20)
+    assert found.rig.refractory * slot_us == pytest.approx(52, abs=12)
+    assert np.exp(found.rig.log_threshold) == pytest.approx(1 / 1.15, rel=0.015)
+    assert found.rig.tau * slot_us == pytest.approx(53.05, rel=0.06) and found.rig.noise < 0.003
+    assert found.scatter == pytest.approx(0.02, rel=0.15)
+    assert wrong.error(found.theta) < 0.15 * wrong.error()
+
+
+def test_names_limit_what_moves(wrong):
+    found = wrong.infer(("powers",))
+    same = replace(found.rig, log_power=wrong.told.log_power)
+    np.testing.assert_array_equal(same.vector, wrong.told.vector)
+    assert np.any(found.rig.log_power) and not replace(found.sigma, log_power=np.zeros(24)).vector.any()
+    assert found.turn_deg["powers"] > 0.5
+    assert all(found.turn_deg[group] == 0 for group in GROUPS if group != "powers")
+    assert found.wanted["shift"] > 5 and found.wanted.keys() == {"tau", "dark", "noise", "shift"}
+
+
+def test_a_turn_tells_what_an_error_costs(wrong):
+    """Powers taken as told turn normals by about what they are said to."""
+    found = wrong.infer()
+    without = wrong.infer(tuple(name for name in MOST if name != "powers"))
+    turned = angular_error_deg(*(to_normal(of.theta) for of in (found, without))).mean()
+    assert 0.4 < found.turn_deg["powers"] / turned < 2.5
+
+
+def test_a_prior_holds_what_is_told_well(wrong):
+    """Powers that are told to a hundredth of a percent stay."""
+    held = wrong.infer(("powers",), Told(powers=1e-4)).rig
+    free = wrong.infer(("powers",)).rig
+    assert np.abs(held.log_power).max() < 0.2 * np.abs(free.log_power).max()
+
+
+def test_an_untouched_recording_leaves_everything_as_told():
+    """Within what the limits of the lag's model leave: 2 us of ten thousand."""
+    case = Case.sphere(**QUIET)
+    found, slot_us = case.infer(), case.recording.schedule.slot_us
+    assert np.abs(found.rig.log_power / found.sigma.log_power).max() < 4
+    assert np.abs(found.rig.log_power).max() < 0.005
+    assert found.rig.tau * slot_us < 2 and found.rig.noise < 0.003 and abs(found.rig.shift) * slot_us < 15
+    assert found.rig.refractory * slot_us == pytest.approx(52, abs=5)
+    assert np.abs(found.rig.log_threshold).max() < 0.02
+    assert case.error(found.theta) < 1.15 * case.error()
+
+
+def test_a_lag_is_found():
+    cutoff_hz = 3000.0
+    case = Case.sphere(cutoff_hz=cutoff_hz, **QUIET)
+    found = case.infer()
+    tau_us, sigma_us = (getattr(of, "tau") * 10_000 for of in (found.rig, found.sigma))
+    assert tau_us == pytest.approx(1e6 / (2 * np.pi * cutoff_hz), abs=max(3 * sigma_us, 2))
+    assert sigma_us < 2 and case.error(found.theta) < 0.7 * case.error()
+    assert found.wanted["dark"] < 4
+    assert found.turn_deg["lag"] > 0.1
+
+
+def test_unknown_thresholds_of_pixels_have_a_mean_and_a_spread():
+    """Thresholds told 15 % too high, and 10 % apart from pixel to pixel."""
+    flaws = {"spread_on": 0.02, "spread_off": 0.02}
+    case = Case.sphere(wrong={"thresholds": 1.15}, thresholds=True, **QUIET, **flaws)
+    found = case.infer()
+    assert np.exp(found.rig.log_threshold) == pytest.approx(1 / 1.15, rel=0.03)
+    assert found.spread == pytest.approx(0.1, rel=0.25)
+    assert found.theta.shape == (len(case.row), 2 + 8 + 2)
+
+
+def test_directions_are_found_up_to_turns_of_the_ring():
+    """LEDs a degree off along the circle, every second one, told to two: a turn of all is not to be known."""
+    case = Case.sphere(**QUIET)
+    tilt = np.zeros((24, 2))
+    tilt[::2, 0] = np.radians(1.0)
+    model = replace(case.pixels.model, illumination=turned_light(case.pixels.light, -tilt))
+    case.pixels = replace(case.pixels, model=model)
+    found = case.infer(("directions",), Told(directions_deg=2.0))
+    off, told = (part - part.mean(axis=0) for part in (found.rig.tilt, tilt))
+    assert np.linalg.norm(off[:, 0] - told[:, 0]) < 0.5 * np.linalg.norm(told[:, 0])
+    assert found.turn_deg["directions"] > 0
+
+
+@pytest.mark.parametrize("dark", [0.0, 0.3])
+def test_a_dark_current_is_wanted_where_there_is_one(dark):
+    size, tau_us = 14, 100.0
+    normal, mask = sphere_normals(size)
+    signal = lambert_signals(normal, np.broadcast_to(SPECTRUM, (size, size, 8)), ring_directions())
+    schedule = Schedule(np.arange(24, dtype=np.int32), 2000.0, 1.0)
+    events = dark_events(np.where(mask, signal, 0), schedule, 4, tau_us, dark, 0.2)
+    starts = np.arange(5) * 48_000
+    recording = Recording(events, Sensor(size, size, 0.2, 0.2, 0.0), schedule, starts)
+    case = Case(recording, ring_light(), normal, mask)
+    names = ("tau",)
+    wanted = case.infer(names).wanted["dark"]
+    assert wanted > 10 if dark else wanted < 4
+    if dark:
+        found = case.infer((*names, "dark"), Told(dark=1.0))
+        assert found.rig.dark == pytest.approx(dark, rel=0.1)
+        assert found.rig.tau * 2000 == pytest.approx(tau_us, rel=0.05)

@@ -1,0 +1,92 @@
+"""Pixels that tell, with their events and their light."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from evsdr.model.lambert import signals_of
+from evsdr.solve.shared.pixels import FEWEST_EVENTS, choose, is_far, turned, vector_of
+from evsdr.solve.shared.rig import across
+from evsdr.solve.unknowns import to_normal
+from tests.support.shared_unknowns import N_LED, Case
+from tests.support.sphere import ring_light
+
+
+@pytest.fixture(scope="module")
+def case():
+    return Case.sphere(size=14, event_noise=0.05)
+
+
+def test_pixels_that_tell_are_chosen(case):
+    problem, solution = case.problem, case.solution
+    mask, row = problem.grid.mask, choose(problem, solution, 1000)
+    y, x = np.divmod(problem.pixel[row], mask.shape[1])
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            assert mask[y + dy, x + dx].all()  # none at the rim
+    assert problem.pairs.counts[row].min() >= FEWEST_EVENTS
+    loud = replace(solution, noise_factor=np.where(np.arange(problem.n_pixel) == row[3], 5.0, 1.0))
+    assert row[3] not in choose(problem, loud, 1000) and row[4] in choose(problem, loud, 1000)
+    some = choose(problem, solution, 10)
+    assert len(set(some)) == 10 and set(some) <= set(row) and (np.diff(some) > 0).all()
+
+
+def test_events_of_the_chosen_are_collected(case):
+    events, (offset, at, gap, polarity, inside, ending) = case.recording.events, case.pixels.events
+    slot_us, rounds = case.recording.schedule.slot_us, case.recording.round_start_us
+    assert len(offset) == len(case.row) + 1 == len(ending) + 1 and case.pixels.n_event == offset[-1] == len(
+        at
+    )
+    for i in (0, 7, len(case.row) - 1):
+        y, x = divmod(case.problem.pixel[case.row[i]], 14)
+        mine = (events.x == x) & (events.y == y)
+        part = slice(offset[i], offset[i + 1])
+        t = events.t[mine]
+        np.testing.assert_allclose(at[part], t / slot_us % N_LED)
+        np.testing.assert_array_equal(polarity[part], 2 * events.p[mine] - 1)
+        np.testing.assert_allclose(gap[part][1:], np.diff(t) / slot_us)
+        assert ending[i] == pytest.approx((rounds[-1] - t[-1]) / slot_us) and inside[part][1:].all()
+    assert case.pixels.leds.tolist() == list(range(N_LED))
+    np.testing.assert_array_equal(case.pixels.threshold, np.full((len(case.row), 2), np.float32(0.2)))
+
+
+def test_signals_are_those_of_the_model_times_the_powers(case):
+    theta = case.solution.theta[case.row].astype(float)
+    dark = case.pixels.signals(theta, case.told)
+    expected = signals_of(case.problem.model, case.solution.theta)[:N_LED, case.row].T
+    lit = expected > 0.1
+    np.testing.assert_allclose(dark[:, 0][lit], expected[lit], rtol=1e-3)
+    bright = case.pixels.signals(theta, replace(case.told, log_power=np.linspace(-0.2, 0.2, N_LED)))
+    np.testing.assert_allclose(bright, dark * np.exp(np.linspace(-0.2, 0.2, N_LED)), rtol=1e-6)
+
+
+def test_signals_follow_turned_leds_as_told(case):
+    theta, h = case.solution.theta[case.row].astype(float), 1e-3
+    told = case.pixels.tilts(theta, case.told)
+    for j, k in ((0, 0), (5, 1), (17, 0)):
+        tilt = np.zeros((N_LED, 2))
+        tilt[j, k] = h
+        high, low = (case.pixels.signals(theta, replace(case.told, tilt=s * tilt))[:, 0] for s in (1, -1))
+        lit = low[:, j] > 0.4 * low[:, j].max()
+        assert lit.sum() > 5
+        change = np.log(high[lit, j] / low[lit, j]) / (2 * h)
+        np.testing.assert_allclose(told[lit, j, k], change, atol=0.01)
+        np.testing.assert_array_equal(np.delete(high, j, axis=1), np.delete(low, j, axis=1))
+
+
+def test_grazing_light_has_no_derivative_by_direction(case):
+    theta = case.solution.theta[case.row].astype(float)
+    cosine = to_normal(theta) @ np.array([vector_of(d) for d in case.pixels.light.direction]).T
+    tilts = case.pixels.tilts(theta, case.told)
+    assert (cosine < 0).any() and not tilts[cosine < 0.02].any() and np.isfinite(tilts).all()
+
+
+def test_directions_turn_by_the_angle():
+    light, tilt = ring_light(), np.zeros((N_LED, 2))
+    tilt[3] = 0.02, -0.01
+    new = turned(light, tilt)
+    before, after = (np.array([vector_of(d) for d in of.direction]) for of in (light, new))
+    np.testing.assert_allclose(np.delete(after, 3, 0), np.delete(before, 3, 0), atol=1e-6)
+    np.testing.assert_allclose(across(before[3]) @ after[3], tilt[3], rtol=1e-3)
+    assert np.linalg.norm(after[3]) == pytest.approx(1, abs=1e-6) and is_far(new)

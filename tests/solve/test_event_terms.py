@@ -1,0 +1,59 @@
+"""Normal equations of pairs against a plain loop."""
+
+from dataclasses import replace
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from evsdr.solve.event_terms import SMALLEST_SLOPE, normal_equations
+from tests.support.random_pairs import C_W, N_BAND, N_PIXEL, ORDER, ROBUST, SCALE, N, Scene, derivative
+
+
+@pytest.fixture
+def scene(rng):
+    return Scene.draw(rng)
+
+
+def rarity(scene, i, k, theta, share):
+    """-log p_k df/dt / C of a pair."""
+    polarity, slot = scene.polarity[k], int(scene.end[k]) % len(ORDER)
+    total, lit = scene.light(i, scene.end[k], theta, share)
+    speed = polarity * (lit[ORDER[(slot + 1) % len(ORDER)]] - lit[ORDER[slot]]) / total
+    return -np.log(0.5 * (speed + np.hypot(speed, SMALLEST_SLOPE)) / scene.threshold(i, polarity, theta))
+
+
+@pytest.mark.parametrize(("thresholds", "share"), [(False, 0.0), (True, 0.0), (False, 0.7), (True, 0.7)])
+def test_terms_are_those_of_a_plain_loop(scene, thresholds, share):
+    """Weights of pairs, and a share of the signal that no reflectance scales."""
+    n = N if thresholds else 2 + N_BAND
+    pairs = replace(scene.pairs, weight=mi.Float(scene.weight))
+    given = mi.Float(C_W), N_BAND, mi.Float(SCALE), mi.Float(ROBUST), thresholds, share
+    cost, gradient, matrix = normal_equations(scene.table(scene.share * scene.signal), pairs, *given)
+    full, n_event = np.zeros(N), 0
+    for i in range(N_PIXEL):
+        expected = [0.0, np.zeros(n), np.zeros((n, n))]
+        for k in range(scene.offset[i], scene.offset[i + 1]):
+
+            def r(theta, i=i, k=k):
+                change = scene.change(i, scene.start[k], scene.end[k], theta, scene.share) + scene.bias[k]
+                polarity = scene.polarity[k]
+                return (polarity * change / scene.threshold(i, polarity, theta) - 1) / SCALE
+
+            here, jacobian = r(full), derivative(r)[:n]
+            excess = (here / ROBUST) ** 2
+            value, weight = 0.5 * ROBUST**2 * np.log1p(excess), 1 / (1 + excess)
+            parts = [value, weight * here * jacobian, weight * np.outer(jacobian, jacobian)]
+            if share and np.float32(1 + scene.end[k]) % 1 > 0:  # while LEDs fade
+                rare = rarity(scene, i, k, full, scene.share)
+                slope = derivative(lambda theta, i=i, k=k: rarity(scene, i, k, theta, scene.share))[:n]
+                more = share * rare, share * slope, share * np.outer(slope, slope)
+                parts = [a + b for a, b in zip(parts, more)]
+            expected = [a + scene.weight[k] * b for a, b in zip(expected, parts)]
+            n_event += 1
+        np.testing.assert_allclose(cost.numpy()[i], expected[0], rtol=1e-3, atol=1e-3)
+        np.testing.assert_allclose([g.numpy()[i] for g in gradient], expected[1], rtol=5e-3, atol=1e-2)
+        triangle = expected[2][np.tril_indices(n)]
+        found = np.array([m.numpy()[i] for m in matrix])
+        np.testing.assert_allclose(found, triangle, rtol=5e-3, atol=2e-3 * np.abs(triangle).max() + 1e-6)
+    assert n_event > 40

@@ -1,0 +1,28 @@
+"""Work in chunks: each one once, several at a time, and what goes wrong is heard."""
+
+import threading
+
+import pytest
+
+from evsdr.threads import N_CHUNK, in_chunks
+
+
+def test_each_chunk_is_worked_on_once():
+    done = []
+    in_chunks(done.append)
+    assert sorted(done) == list(range(N_CHUNK))
+
+
+def test_chunks_run_side_by_side():
+    """Two chunks that wait for each other would wait for ever one after the other."""
+    both = threading.Barrier(2)
+    in_chunks(lambda chunk: both.wait(timeout=20) if chunk < 2 else None)
+
+
+def test_an_error_is_raised():
+    def work(chunk):
+        if chunk == N_CHUNK - 1:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        in_chunks(work)
