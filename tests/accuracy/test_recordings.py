@@ -58,7 +58,7 @@ def test_photoreceptors_that_lag_tell_what_hard_switches_hide(commands):
     """The events of an EVK4 after a switch say how its photoreceptors follow; whole slots of 20 ms are steady."""
     commands.simulate("--crossfade", 0, ideal=())
     _, summary = commands.results("--preset", "balanced", "--truth", commands.folder / "truth.npz")
-    assert summary["model"]["photoreceptor lag"].startswith("modelled: events are ")
+    assert summary["model"]["photoreceptor lag"].startswith("as found: events are ")
     assert summary["mae_deg"] < 5
 
 
