@@ -55,6 +55,7 @@ EFFECTS = (
     GlossyLobes(),
 )
 MOST_ROUNDS = 3  # of tracing and fitting
+KEPT = 0.5  # of the pixels that are known, at least, when what they share was inferred; guessed
 FAR_DEG = 1.0  # from which pixels are told what they share by maps that were too wrong; guessed
 SETTLED = 0.1  # of the first round's change, below which light has settled
 
@@ -141,21 +142,32 @@ def settle_events(
     world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Callable[[str, float], None]
 ) -> tuple[World, Fitted]:
     """Infer what pixels share and fit again; where that turns normals far, infer it again from there."""
-    told = world
+    told, good = world, None
     for _ in range(MOST_ROUNDS):
         world, changed = decide("alone", told, fitted, settings)
         if not changed:
             break
         new = solve(world.problem(fitted), fitted, "again", progress)
         known = fitted.maps.mask & new.maps.mask
-        moved = angular_error_deg(fitted.maps.normal[known], new.maps.normal[known])
-        fitted, shared = replace(new, problem=fitted.problem), find_shared(told, fitted)
-        if not known.any() or np.mean(moved) < FAR_DEG:
-            return world, new
-        told = replace(told, found=shared)
-    if world.terms.thorough and not changed:
+        if np.count_nonzero(known) < KEPT * np.count_nonzero(fitted.maps.mask):
+            world = refuse(told, world)
+            break
+        good = world, new
+        if np.mean(angular_error_deg(fitted.maps.normal[known], new.maps.normal[known])) < FAR_DEG:
+            break
+        told = replace(told, found=find_shared(told, fitted))
+        fitted = replace(new, problem=fitted.problem)
+    if good is None and world.terms.thorough:
         fitted = solve(world.problem(fitted), fitted, "learn", progress)
-    return world, new if changed else fitted
+    return good or (world, fitted)
+
+
+def refuse(told: World, world: World) -> World:
+    """Take back what a world believes beyond what was told: with it, too few pixels can be explained."""
+    why = "as told: with what the events seem to tell fewer pixels can be explained"
+    new = {name: d for name, d in world.decisions.items() if told.decisions.get(name) is not d}
+    taken = {name: replace(d, modelled=False, why=why) for name, d in new.items() if d.modelled}
+    return replace(told, decisions=world.decisions | taken)
 
 
 def settle(

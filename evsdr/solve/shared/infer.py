@@ -244,6 +244,7 @@ class Posterior:
         theta[:, 2:] = np.clip(theta[:, 2:], *LOG_REFLECTANCE_RANGE)
         free = point.free + step
         free = np.where(np.isin(self.basis.owner, NOT_NEGATIVE), np.maximum(free, 0), free)
+        free = np.where(self.basis.owner == "refractory", np.minimum(free, self.pixels.shortest), free)
         return self.at(theta, free)
 
     def learnt(self, point: Point) -> "Posterior":

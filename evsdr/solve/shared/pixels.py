@@ -21,6 +21,7 @@ from evsdr.solve.unknowns import to_normal
 
 FEWEST_EVENTS = 20  # of a pixel that tells
 CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more may be wrong
+FEW = 1e-3  # of the events, that may come sooner: noise
 GRAZING = 0.02  # n . l below which a direction's derivative is left out
 
 
@@ -57,6 +58,14 @@ class Pixels:
     @property
     def n_event(self) -> int:
         return len(self.events[1])
+
+    @property
+    def shortest(self) -> float:
+        """Give the shortest time between events of a pixel [slots], but for a few: no refractory period is longer."""
+        offset, _, gap = self.events[:3]
+        follows = np.ones(len(gap), bool)
+        follows[offset[:-1][offset[:-1] < len(gap)]] = False
+        return float(np.quantile(gap[follows], FEW)) if follows.any() else np.inf
 
     def signals(self, theta: np.ndarray, rig: Rig) -> np.ndarray:
         """Give the signals (n_pixel, 4, n_led) of maps (n_pixel, 2 + n_band) under a rig, see `kernel.pixel_sums`."""
