@@ -261,11 +261,20 @@ def test_ctrl_c_ends_dark(tmp_path):
     with FakeRing() as fake:
         words = ["-m", "evsdr.ring", "run", "--port", fake.port, "--rounds", "0", "--log", str(path)]
         with subprocess.Popen(
-            [sys.executable, *words], cwd=REPOSITORY, stderr=subprocess.PIPE, text=True
+            [sys.executable, *words],
+            cwd=REPOSITORY,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=lambda: signal.signal(
+                signal.SIGINT, signal.SIG_DFL
+            ),  # a shell's background jobs ignore it
         ) as host:
             wait_for(lambda: fake.rounds)
             host.send_signal(signal.SIGINT)
-            _, err = host.communicate(timeout=20)
+            try:
+                _, err = host.communicate(timeout=20)
+            finally:
+                host.kill()
         assert host.returncode == 130
         assert err.startswith("stopped; ") and "ring.json" in err
         assert not fake.lit
