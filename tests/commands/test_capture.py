@@ -153,6 +153,7 @@ def test_ctrl_c_ends_dark_and_writes_nothing(tmp_path):
         with subprocess.Popen(
             [sys.executable, "-m", "evsdr.capture", *words],
             cwd=REPOSITORY, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore it
         ) as host:  # fmt: skip
             host.stdin.write("\n")
             host.stdin.flush()
@@ -161,7 +162,10 @@ def test_ctrl_c_ends_dark_and_writes_nothing(tmp_path):
                 time.sleep(0.01)
             assert fake.lit
             host.send_signal(signal.SIGINT)
-            _, err = host.communicate(timeout=20)
+            try:
+                _, err = host.communicate(timeout=20)
+            finally:
+                host.kill()
         assert host.returncode == 130 and err.endswith("stopped; nothing was written.\n")
         assert not fake.lit
     assert list((tmp_path / "run").iterdir()) == []
