@@ -24,6 +24,8 @@ class Decision:
         Numbers and words, for the summary's `effects`.
     answer : object, optional
         What `Effect.model` needs beside.
+    warning : str
+        What the user should look into if it is modelled.
     """
 
     effect: str
@@ -32,6 +34,7 @@ class Decision:
     expected_deg: float | None = None
     found: dict = field(default_factory=dict)
     answer: object = None
+    warning: str = ""
 
 
 class Effect(Protocol):

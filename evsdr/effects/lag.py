@@ -62,6 +62,7 @@ class PhotoreceptorLag(SharedEffect):
     """Events that come late in dim light, and early by noise."""
 
     name, group = "photoreceptor lag", "lag"
+    untold = "the events show none"
 
     def say(self, found: SharedFound) -> str:
         """Give time constant and noise."""

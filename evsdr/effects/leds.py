@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from evsdr.effects.effect import Decision
-from evsdr.effects.shared import Aim, SharedEffect, SharedFound, warn_beyond
+from evsdr.effects.shared import WARNED, Aim, SharedEffect, SharedFound
 
 if TYPE_CHECKING:
     from evsdr.effects.world import World
@@ -30,6 +30,13 @@ class LedPowers(SharedEffect):
         j = int(np.argmax(np.abs(off)))
         return f"LED {j} is {100 * np.expm1(off[j]):+.2g} % off, all {100 * np.std(off):.2g} % on average"
 
+    def warning(self, found: SharedFound) -> str:
+        """Give the largest difference, if it is more than powers can be off."""
+        worst = float(np.abs(found.inferred.rig.log_power).max())
+        if worst <= WARNED * found.told.powers:
+            return ""
+        return f"LED powers differ from the scene's by up to {100 * worst:.0f} %, as the events tell; calibrate them."
+
     def numbers(self, found: SharedFound) -> dict:
         """Give all factors."""
         factor, sigma = np.exp(found.inferred.rig.log_power), found.inferred.sigma.log_power
@@ -37,10 +44,7 @@ class LedPowers(SharedEffect):
 
     def model(self, world: "World", decision: Decision) -> "World":
         """Trace light of these powers."""
-        rig, told = decision.answer.inferred.rig, decision.answer.told
-        worst = float(np.abs(rig.log_power).max())
-        words = f"LED powers differ from the scene's by up to {100 * worst:.0f} %, as the events tell; calibrate them."
-        warn_beyond(world, worst, told.powers, words)
+        rig = decision.answer.inferred.rig
         tilt = world.aim.tilt if world.aim else np.zeros_like(rig.tilt)
         return replace(world, aim=Aim(rig.log_power, tilt))
 
@@ -49,6 +53,7 @@ class LedDirections(SharedEffect):
     """Directions of far LEDs, but for turns of the whole ring: those only tolerances tell from turned normals."""
 
     name, group = "LED directions", "directions"
+    untold = "LEDs are near"
 
     def say(self, found: SharedFound) -> str:
         """Give the mean turn."""

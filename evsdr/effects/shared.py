@@ -1,6 +1,5 @@
 """What all pixels share, as the events tell it: one inference, of which each effect takes its part."""
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -9,7 +8,6 @@ import numpy as np
 
 from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import against
-from evsdr.errors import InputWarning
 from evsdr.model.illumination import Illumination
 from evsdr.solve.shared.infer import Inferred, Start, infer
 from evsdr.solve.shared.pixels import Pixels, choose, collect, is_far, turned
@@ -24,7 +22,7 @@ FIRST_TAU_US, FIRST_NOISE = 20.0, 0.005  # to start from
 GUESSED_REFRACTORY_US = 200.0  # tolerance where the recording tells none
 CLEAR = 4.0  # standard deviations from which there is a lag, and a dark current
 # Light without a lag has kinks, which no event passes: its likelihood is not smooth in a shift
-WITH_LAG = "tau", "noise", "shift"
+WITH_LAG = "tau", "dark", "noise", "shift"
 # How far times are off beside their sigma, as noise of photoreceptors is not quite the model's: of tau, relative; of shift
 # and refractory period [us]; measured by experiments.shared
 MODEL_TAU, MODEL_US = 0.08, 10.0
@@ -60,11 +58,14 @@ class SharedFound:
     Attributes
     ----------
     inferred : Inferred
+    names : tuple of str
+        What was unknown, of `rig.NAMES`.
     told : Told
     told_refractory_us, slot_us : float
     """
 
     inferred: Inferred
+    names: tuple[str, ...]
     told: Told
     told_refractory_us: float
     slot_us: float
@@ -73,7 +74,7 @@ class SharedFound:
         """Give a time and its standard deviation [us], with what the model of the noise leaves out."""
         value, sigma = (getattr(of, name) * self.slot_us for of in (self.inferred.rig, self.inferred.sigma))
         left_out = MODEL_TAU * value if name == "tau" else MODEL_US
-        return value, float(np.hypot(sigma, left_out)) if sigma else 0.0
+        return value, float(np.hypot(sigma, left_out))
 
 
 def find_shared(world: "World", fitted: "Fitted") -> SharedFound | None:
@@ -96,15 +97,23 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
     rig = _told(world, pixels)
     start = _start(world, fitted, rig, row)
     found = infer(pixels, start, rig, told, tuple(names))
-    clear = found.rig.tau > CLEAR * found.sigma.tau and found.turn_deg["lag"] > world.terms.limit_deg
-    if "tau" in names and not clear:
+    if "tau" in names and found.wanted["dark"] > CLEAR and _lags(found, world):
+        names = [*names, "dark"]
+        found = infer(pixels, _from(found), rig, told, tuple(names))
+    if "tau" in names and not _lags(found, world):
         names = [name for name in names if name not in WITH_LAG]
-        found = infer(
-            pixels, replace(start, rig=replace(start.rig, tau=0.0, noise=0.0)), rig, told, tuple(names)
-        )
-    elif "tau" in names and found.wanted["dark"] > CLEAR:
-        found = infer(pixels, start, rig, told, (*names, "dark"))
-    return SharedFound(found, told, sensor.refractory_us, pixels.slot_us)
+        found = infer(pixels, _from(found), rig, told, tuple(names))
+    return SharedFound(found, tuple(names), told, sensor.refractory_us, pixels.slot_us)
+
+
+def _lags(found: Inferred, world: "World") -> bool:
+    """Tell whether there is a lag, and counts."""
+    return found.rig.tau > CLEAR * found.sigma.tau and found.turn_deg["lag"] > world.terms.limit_deg
+
+
+def _from(found: Inferred) -> Start:
+    """Start again with what was found."""
+    return Start(found.theta, found.rig, found.spread, found.scatter)
 
 
 def _told(world: "World", pixels: Pixels) -> Rig:
@@ -120,7 +129,7 @@ def _start(world: "World", fitted: "Fitted", told: Rig, row: np.ndarray) -> Star
     prior = solution.threshold_prior or (0.0, 0.0, 1.0, 1.0)
     theta, spread = solution.all_theta[row].astype(float), np.array(prior[2:])
     if world.found:
-        return Start(theta, world.found.inferred.rig, spread, world.found.inferred.scatter)
+        return replace(_from(world.found.inferred), theta=theta, spread=spread)
     rig = replace(told, log_threshold=np.array(prior[:2]))
     if "lag" in world.terms.shared:
         rig = replace(rig, tau=FIRST_TAU_US / world.recording.schedule.slot_us, noise=FIRST_NOISE)
@@ -134,10 +143,13 @@ class SharedEffect:
     ----------
     group : str
         Of `rig.GROUPS`.
+    untold : str
+        Why it was not asked for.
     """
 
     name: str
     group: str
+    untold = "too few pixels tell it"
     option, when = "shared", "alone"
 
     def decide(self, asked, world: "World", fitted: "Fitted") -> Decision | None:
@@ -151,11 +163,17 @@ class SharedEffect:
         found = find_shared(world, fitted)
         if found is None:
             return self.as_told("too few pixels tell it")
+        if not set(GROUPS[self.group]) & set(found.names):
+            return self.as_told(self.untold)
         error, limit = found.inferred.turn_deg[self.group], world.terms.limit_deg
         modelled = error > limit and self.is_clear(found)
         doubt = "" if modelled or error <= limit else " too near to what is told to be told from it;"
         why = f"{'as found' if modelled else 'as told'}: {self.say(found)};{doubt} {against(error, error > limit, limit)}"
-        return Decision(self.name, modelled, why, error, self.numbers(found), found)
+        return Decision(self.name, modelled, why, error, self.numbers(found), found, self.warning(found))
+
+    def warning(self, found: SharedFound) -> str:
+        """Give what its user should look into if it is modelled; nothing by default."""
+        return ""
 
     def is_clear(self, found: SharedFound) -> bool:
         """Tell whether what was found differs from what is told by more than noise and a model that is not quite right."""
@@ -177,9 +195,3 @@ class SharedEffect:
 def plus_minus(pair: tuple[float, float], unit: str = "us") -> str:
     """Write a value with its standard deviation."""
     return f"{pair[0]:.3g} +- {pair[1]:.2g} {unit}"
-
-
-def warn_beyond(world: "World", off: float, tolerance: float, sentence: str) -> None:
-    """Warn of a value that lies further from what is told than that can be off."""
-    if abs(off) > WARNED * tolerance:
-        warnings.warn(InputWarning(f"{world.recording.source}: {sentence}"), stacklevel=2)

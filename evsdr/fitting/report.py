@@ -45,6 +45,9 @@ def warn_of_what_was_found(world: World, fitted: Fitted) -> None:
             f"{noise:.0%}; check order, slot_us, triggers, thresholds and constant_light."
         )
         return
+    for decision in world.decisions.values():
+        if decision.modelled and decision.warning:
+            warn(f"{source}: {decision.warning}")
     warn_of_pixels(world, fitted)
     for name, values in threshold_summary(world.recording, fitted).items():
         if abs(np.log(values["found"] / values["told"])) > WRONG_THRESHOLD:

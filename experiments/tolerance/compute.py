@@ -3,11 +3,10 @@
 import time
 import warnings
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from evsdr import EventPixel, InputWarning, Settings, fit, load_scene, score, simulate
+from experiments.fitting import SCENES
 
-SCENES = Path(__file__).resolve().parents[2] / "scenes"
 TOLERANCES = (1.0, 0.3, 0.1, 0.03, 0.01)
 
 

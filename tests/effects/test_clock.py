@@ -5,8 +5,7 @@ import pytest
 
 from evsdr.effects.clock import TimeShift
 from evsdr.effects.shared import MODEL_US
-from evsdr.errors import InputWarning
-from tests.support.shared_worlds import decision, found, world
+from tests.support.shared_worlds import FITTED, decision, found, world
 
 
 def test_a_shift_in_words_and_numbers():
@@ -25,8 +24,15 @@ def test_rounds_start_later():
     assert before.recording.round_start_us.tolist() == [0, 3000]
 
 
-@pytest.mark.parametrize("shift", [0.1, -0.1])
-def test_a_large_shift_is_warned_of(shift):
+@pytest.mark.parametrize(("shift", "warned"), [(0.1, True), (-0.1, True), (0.08, False)])
+def test_a_large_shift_is_warned_of(shift, warned):
     """100 us, beyond three times 30."""
-    with pytest.warns(InputWarning, match="^mine: events are -?100 us late against the triggers or start_us"):
-        TimeShift().model(world(), decision(TimeShift(), shift=shift))
+    sentence = TimeShift().warning(found(shift=shift))
+    assert sentence.startswith(f"events are {1000 * shift:g} us late against the triggers") == warned
+    assert bool(sentence) == warned
+
+
+def test_a_shift_is_not_told_without_a_lag():
+    known = found(shift=0.1, names=("powers", "refractory"))
+    chosen = TimeShift().decide("auto", world(known=known), FITTED)
+    assert not chosen.modelled and chosen.why == "as told: light without a lag does not tell it"

@@ -5,8 +5,7 @@ import pytest
 
 from evsdr.effects.leds import LedDirections, LedPowers
 from evsdr.effects.shared import Aim
-from evsdr.errors import InputWarning
-from tests.support.shared_worlds import decision, found, world
+from tests.support.shared_worlds import FITTED, decision, found, world
 
 POWER, TILT = np.log([1.1, 0.9, 1.0]), np.radians([[1.0, 0.0], [0.0, 2.0], [0.0, 0.0]])
 
@@ -41,7 +40,15 @@ def test_powers_and_directions_add_up_to_one_aim():
 
 
 def test_powers_far_off_are_warned_of():
-    """Beyond three times five percent; those above are not."""
-    far = decision(LedPowers(), log_power=np.array([0.0, 0.2, -0.2]))
-    with pytest.warns(InputWarning, match="^mine: LED powers differ .* by up to 20 %.*calibrate them"):
-        LedPowers().model(world(), far)
+    """Beyond three times five percent."""
+    sentence = LedPowers().warning(found(log_power=np.array([0.0, 0.2, -0.2])))
+    assert sentence.startswith("LED powers differ from the scene's by up to 20 %") and "calibrate" in sentence
+    assert LedPowers().warning(found(log_power=np.array([0.0, 0.14, -0.14]))) == ""
+
+
+@pytest.mark.parametrize(("off", "modelled"), [(0.02, True), (0.008, False)])
+def test_powers_that_hardly_differ_are_as_told(off, modelled):
+    """However much they would turn normals: the model is no better."""
+    known = found(log_power=np.array([off, -off, off]))
+    chosen = LedPowers().decide("auto", world(known=known), FITTED)
+    assert chosen.modelled == modelled and ("too near" in chosen.why) != modelled

@@ -1,10 +1,12 @@
 """What a fit says of thresholds, bands, scale, and pixels that contradict it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from evsdr.effects.effect import Decision
 from evsdr.errors import InputWarning
 from evsdr.fitting import report
 from evsdr.fitting.settings import Settings
@@ -60,6 +62,15 @@ def test_nothing_to_warn_of():
 def test_what_a_user_should_look_into(given, fit, words):
     with pytest.warns(InputWarning, match=words):
         report.warn_of_what_was_found(world(**given), fitted(**fit))
+
+
+def test_what_is_modelled_may_warn():
+    doubt = Decision("clock", True, "", warning="events are late.")
+    given = SimpleNamespace(**vars(world()) | {"decisions": {"clock": doubt}})
+    with pytest.warns(InputWarning, match="^b.h5: events are late.$"):
+        report.warn_of_what_was_found(given, fitted())
+    given.decisions["clock"] = replace(doubt, modelled=False)
+    report.warn_of_what_was_found(given, fitted())
 
 
 def test_hot_pixels_are_counted_with_those_that_contradict():

@@ -7,6 +7,7 @@ import pytest
 
 import evsdr
 from evsdr.effects.effect import Decision
+from evsdr.effects.leds import LedPowers
 from evsdr.fitting import story
 from evsdr.solve import trial
 
@@ -91,3 +92,25 @@ def test_one_limit_for_all(tmp_path, limit_deg, modelled):
 )
 def test_what_is_unknown_of_all(settings, names):
     assert set(story.unknown_of_all(evsdr.Settings(**settings))) == names
+
+
+def test_what_leaves_few_pixels_explained_is_taken_back(given, place, monkeypatch):
+    """A second fit that knows no pixel: the first stays, and the decisions say so."""
+    ring, recording = given
+    real = story.Decoder.__call__
+    purposes = []
+
+    def blind(self, problem, before=None, purpose="whole", progress=lambda stage, share: None):
+        purposes.append(purpose)
+        fitted = real(self, problem, before, purpose, progress)
+        if purpose != "again":
+            return fitted
+        return replace(fitted, maps=replace(fitted.maps, mask=np.zeros_like(fitted.maps.mask)))
+
+    monkeypatch.setattr(story.Decoder, "__call__", blind)
+    monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: True)
+    settings = evsdr.Settings(gloss="off", limit_deg=1e-9)
+    found = evsdr.fit(ring, recording, settings)
+    assert "again" in purposes and purposes[-1] == "learn" and found.maps.mask.any()
+    powers = found.decisions["LED powers"]
+    assert not powers.modelled and powers.why.startswith("as told: with what the events seem to tell")

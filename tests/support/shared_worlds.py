@@ -10,7 +10,7 @@ from evsdr.effects.shared import SharedFound
 from evsdr.effects.world import Memo, Terms
 from evsdr.records import Recording, Schedule, Sensor
 from evsdr.solve.shared.infer import Inferred
-from evsdr.solve.shared.rig import GROUPS, Rig, Told
+from evsdr.solve.shared.rig import GROUPS, NAMES, Rig, Told
 
 N_LED, SLOT_US = 3, 1000.0
 
@@ -21,13 +21,13 @@ def rig(**values) -> Rig:
     return replace(zero, **values)
 
 
-def found(turn_deg=0.2, told=Told(), **values) -> SharedFound:
+def found(turn_deg=0.2, told=Told(), names=NAMES, **values) -> SharedFound:
     """Give what was found, by default powers and thresholds that are off; sigmas are a hundredth."""
     values = {"log_power": np.array([0.05, -0.05, 0.0]), "log_threshold": np.full(2, 0.1)} | values
     sigma = Rig.of(np.full(3 * N_LED + 7, 0.01), N_LED)
     turn = dict.fromkeys(GROUPS, turn_deg)
     inferred = Inferred(rig(**values), sigma, np.zeros((0, 2)), np.ones(2), 0.1, turn, {}, 1)
-    return SharedFound(inferred, told, 50.0, SLOT_US)
+    return SharedFound(inferred, names, told, 50.0, SLOT_US)
 
 
 def decision(effect, **values) -> Decision:

@@ -5,16 +5,18 @@ a Gauss-Newton step of what is shared, and with it one of each pixel; both are d
 events and spread of the thresholds are learnt between rounds of steps.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from evsdr.events.lead import TABLE
+from evsdr.events.photoreceptor import SHORTEST
 from evsdr.solve.law import gaussian_share
+from evsdr.solve.noise import NOISE_RANGE
 from evsdr.solve.shared.kernel import ON, Terms, pixel_sums
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.rig import GROUPS, NAMES, NOT_NEGATIVE, TIMES, Basis, Rig, Told
+from evsdr.solve.threshold_spread import MEDIAN_OF_SQUARE, SMALLEST_SPREAD
 from evsdr.solve.unknowns import (
     LARGEST_SLOPE,
     LARGEST_STEP,
@@ -31,12 +33,7 @@ RISEN = 0.01  # mean loss of that from which a step is refused
 SETTLED_DEG = 0.01  # by which a step turns normals when it is the last
 FIRST_DAMPING, DAMPING_RANGE = 1e-3, (1e-6, 1e6)
 FIRST_STIFFNESS, MOST_STIFFNESS = 1e-2, 1e3
-MEDIAN_OF_SQUARE = 0.455  # of a standard normal variable
-ROBUST = (
-    3.0  # width of Cauchy's cost in standard deviations, as that of the maps where thresholds are unknown
-)
-SMALLEST_SCATTER, SMALLEST_SPREAD = 0.005, 0.003
-SHORTEST_TAU = 1e-6  # slots
+ROBUST = 3.0  # width of Cauchy's cost in standard deviations, as for maps where thresholds are unknown
 STEPS = (1e-5, 1e-4, 1e-5, 1e-6, 1e-6)  # of timing, for derivatives
 
 
@@ -160,7 +157,7 @@ class Posterior:
         pixels, rig, n_map = self.pixels, self.rig(free), self.n_map
         light = pixels.light
         gains = theta[:, n_map:] if self.own_thresholds else rig.log_threshold
-        values = np.tile([max(rig.tau, SHORTEST_TAU), rig.dark, rig.noise, rig.shift, rig.refractory], (6, 1))
+        values = np.tile([max(rig.tau, SHORTEST), rig.dark, rig.noise, rig.shift, rig.refractory], (6, 1))
         values[1:] += np.diag(STEPS)
         maps = theta[:, :n_map]
         sums = pixel_sums(
@@ -251,7 +248,7 @@ class Posterior:
         """Learn scatter and spread from what remains."""
         counts = np.isfinite(point.residual)
         square = np.median(point.residual[counts] ** 2) / MEDIAN_OF_SQUARE - np.median(point.variance[counts])
-        scatter, spread = np.sqrt(max(square, SMALLEST_SCATTER**2)), self.spread
+        scatter, spread = np.sqrt(max(square, NOISE_RANGE[0] ** 2)), self.spread
         if self.own_thresholds:
             n = point.theta.shape[1]
             left = np.einsum("nii->ni", np.linalg.inv(point.matrix[:, :n, :n]))[:, self.n_map :]
@@ -266,7 +263,6 @@ def infer(
     told: Rig,
     tolerance: Told = Told(),
     names: tuple[str, ...] = NAMES,
-    progress: Callable[[float], None] = lambda share: None,
 ) -> Inferred:
     """Infer what pixels share, together with their maps.
 
@@ -286,7 +282,6 @@ def infer(
     for round_ in range(N_ROUND):
         point, damped, moved, made = _descend(posterior, posterior.at(point.theta, point.free), damped)
         posterior, n_step = posterior.learnt(point), n_step + made
-        progress((round_ + 1) / N_ROUND)
         if moved < SETTLED_DEG and round_:
             break
     _, response, _, complement = posterior.solve(point)

@@ -160,7 +160,7 @@ def _run(
     """Sum over the pixels of a chunk; see `pixel_sums`."""
     offset, at, gap, polarity, inside, ending = events
     n_pixel, n_led, n_slot = len(signals), len(band), len(leds)
-    n = 2 + band.max() + 1 + 2 * own_thresholds
+    n = 3 + band.max() + 2 * own_thresholds
     n_all = n + n_led + N_TIMING + n_led * tilts.shape[2]
     timing = n + n_led
     logs = n - 2 if own_thresholds else timing + ON  # first column of the thresholds

@@ -1,6 +1,7 @@
 """Some pixels with their events and their light: what the inference of shared unknowns works on."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import drjit as dr
 import numpy as np
@@ -59,7 +60,7 @@ class Pixels:
     def n_event(self) -> int:
         return len(self.events[1])
 
-    @property
+    @cached_property
     def shortest(self) -> float:
         """Give the shortest time between events of a pixel [slots], but for a few: no refractory period is longer."""
         offset, _, gap = self.events[:3]

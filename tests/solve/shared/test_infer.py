@@ -126,3 +126,11 @@ def test_a_dark_current_is_wanted_where_there_is_one(dark):
         found = case.infer((*names, "dark"), Told(dark=1.0))
         assert found.rig.dark == pytest.approx(dark, rel=0.1)
         assert found.rig.tau * 2000 == pytest.approx(tau_us, rel=0.05)
+
+
+def test_a_refractory_period_is_no_longer_than_the_shortest_interval():
+    """Told far too long, with a wide tolerance: else pairs would be left out one by one, and the cost with them."""
+    case = Case.sphere(wrong={"refractory": 8.0}, **QUIET)
+    found = case.infer(("refractory",), Told(refractory_us=2000.0))
+    assert found.rig.refractory <= case.pixels.shortest + 1e-9
+    assert found.rig.refractory < case.told.refractory

@@ -90,3 +90,14 @@ def test_directions_turn_by_the_angle():
     np.testing.assert_allclose(np.delete(after, 3, 0), np.delete(before, 3, 0), atol=1e-6)
     np.testing.assert_allclose(across(before[3]) @ after[3], tilt[3], rtol=1e-3)
     assert np.linalg.norm(after[3]) == pytest.approx(1, abs=1e-6) and is_far(new)
+
+
+def test_the_shortest_time_between_events_is_that_of_a_pixel(case):
+    """But for one in a thousand; the first event of a pixel follows none."""
+    offset, at, gap, *rest = case.pixels.events
+    spaced = np.full(len(gap), 0.4)
+    spaced[offset[:-1]] = 0.0
+    spaced[offset[3] + 2] = 0.1
+    assert replace(case.pixels, events=(offset, at, spaced, *rest)).shortest == pytest.approx(0.4)
+    few = (np.array([0, 1, 2]), at[:2], gap[:2], *rest)
+    assert replace(case.pixels, events=few).shortest == np.inf
