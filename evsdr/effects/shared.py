@@ -9,8 +9,9 @@ import numpy as np
 from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import against
 from evsdr.model.illumination import Illumination
-from evsdr.solve.shared.infer import Inferred, Start, infer
+from evsdr.solve.shared.infer import Inferred, infer
 from evsdr.solve.shared.pixels import Pixels, choose, collect, is_far, turned
+from evsdr.solve.shared.posterior import Start
 from evsdr.solve.shared.rig import GROUPS, Rig, Told
 
 if TYPE_CHECKING:

@@ -292,7 +292,7 @@ def errors_of(found: Fit, truth: Truth, seconds: float, share: float) -> Errors:
     known = maps.mask & truth.mask
     normal, true = maps.normal[known].astype(float), truth.normal[known].astype(float)
     angle = angular_error_deg(normal, true)
-    mapped = normal @ np.linalg.lstsq(normal, true, rcond=None)[0]
+    mapped = normal @ nearest_map(normal, true)
     off = np.abs(maps.reflectance - truth.reflectance)[known] / maps.reflectance_sigma[known]
     return Errors(
         error["mae_deg"],
@@ -303,6 +303,15 @@ def errors_of(found: Fit, truth: Truth, seconds: float, share: float) -> Errors:
         seconds,
         share,
     )
+
+
+def nearest_map(normal: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Give the 3 x 3 map that turns normals (n, 3) to the true ones whatever lengths come out: that of the least
+    squares of what lies across the true ones."""
+    across_true = np.eye(3) - true[:, :, None] * true[:, None]
+    rows = np.einsum("ni,nkj->nkij", normal, across_true).reshape(-1, 9)
+    found = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3)
+    return found * np.sign(np.sum((normal @ found) * true))
 
 
 def against_truth(

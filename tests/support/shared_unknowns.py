@@ -9,8 +9,9 @@ from evsdr.events.pairs import pair_events
 from evsdr.metrics import angular_error_deg
 from evsdr.records import Events
 from evsdr.solve.problem import make_problem
-from evsdr.solve.shared.infer import Start, infer
+from evsdr.solve.shared.infer import infer
 from evsdr.solve.shared.pixels import choose, collect
+from evsdr.solve.shared.posterior import Start
 from evsdr.solve.shared.rig import Rig, Told
 from evsdr.solve.unknowns import to_normal
 from tests.support.sphere import C_W, solve, sphere_recording

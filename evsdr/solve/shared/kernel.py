@@ -90,7 +90,19 @@ def _look(at, light, nodes, values, crossfade):
 
 
 def pixel_sums(
-    events, leds, band, veil, signals, tilts, thresholds, own_thresholds, values, terms, lead, weigh
+    events,
+    leds,
+    band,
+    veil,
+    signals,
+    tilts,
+    thresholds,
+    own_thresholds,
+    values,
+    terms,
+    lead,
+    weigh,
+    some=None,
 ):
     """Sum over the events of each pixel.
 
@@ -121,6 +133,8 @@ def pixel_sums(
         `lead.TABLE`.
     weigh : (n_event,) float64
         Variance of u by the photoreceptor's noise, by which events are weighed.
+    some : (n,) int64, optional
+        Only these pixels; by default all.
 
     Returns
     -------
@@ -145,8 +159,10 @@ def pixel_sums(
     )
     given = leds, band, veil, signals, tilts, thresholds, own_thresholds, values, terms, lead, weigh
 
+    some = np.arange(n_pixel) if some is None else some
+
     def run(chunk):
-        _run(chunk, events, *given, *out)
+        _run(chunk, some, events, *given, *out)
 
     in_chunks(run)
     return out
@@ -154,12 +170,12 @@ def pixel_sums(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _run(
-    chunk, events, leds, band, veil, signals, tilts, thresholds, own_thresholds, values, terms, lead, weigh,
+    chunk, some, events, leds, band, veil, signals, tilts, thresholds, own_thresholds, values, terms, lead, weigh,
     cost, gradient, information, residual, variance,
 ):  # fmt: skip
     """Sum over the pixels of a chunk; see `pixel_sums`."""
     offset, at, gap, polarity, inside, ending = events
-    n_pixel, n_led, n_slot = len(signals), len(band), len(leds)
+    n_led, n_slot = len(band), len(leds)
     n = 3 + band.max() + 2 * own_thresholds
     n_all = n + n_led + N_TIMING + n_led * tilts.shape[2]
     timing = n + n_led
@@ -169,7 +185,7 @@ def _run(
     row, light = np.zeros(n_all), np.zeros(n_slot)
     nodes, shown = np.zeros((3, n_slot, MOST_NODES + 2)), np.zeros((3, n_slot))
     met, reference, rarity, noise = np.zeros(n_set), np.zeros(n_set), np.zeros(n_set), np.zeros((n_set, 2))
-    for i in range(chunk, n_pixel, N_CHUNK):
+    for i in some[chunk::N_CHUNK]:
         table, tilt, slopes, matrix = signals[i], tilts[i], gradient[i], information[i]
         for k in range(n_slot):
             light[k] = veil + (table[0, leds[k]] if leds[k] < n_led else 0.0)

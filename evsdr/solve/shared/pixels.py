@@ -23,7 +23,6 @@ from evsdr.solve.unknowns import to_normal
 FEWEST_EVENTS = 20  # of a pixel that tells
 CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more may be wrong
 FEW = 1e-3  # of the events, that may come sooner: noise
-GRAZING = 0.02  # n . l below which a direction's derivative is left out
 
 
 @dataclass(frozen=True)
@@ -79,14 +78,19 @@ class Pixels:
         return np.ascontiguousarray(np.transpose(rows, (2, 0, 1)) * np.exp(rig.log_power))
 
     def tilts(self, theta: np.ndarray, rig: Rig) -> np.ndarray:
-        """Give the derivatives (n_pixel, n_led, 2) of log A_xj by the direction of far LEDs."""
-        normal = to_normal(theta)
+        """Give the derivatives (n_pixel, n_led, 2) of log A_xj by the direction of far LEDs.
+
+        That of the logarithm of `lambert.soft_max0` is 1 / sqrt(x^2 + softness^2).
+        """
+        normal, softness = to_normal(theta), self.softness.numpy()
         out = np.zeros((len(theta), self.light.n_led, 2))
-        for j, direction in enumerate(turned(self.light, rig.tilt).direction):
-            here = vector_of(direction)
-            cosine = normal @ here
-            inverse = np.where(cosine > GRAZING, 1 / np.maximum(cosine, GRAZING), 0.0)
-            out[:, j] = inverse[:, None] * (normal @ across(here).T)
+        for j, (told, now) in enumerate(zip(self.light.direction, turned(self.light, rig.tilt).direction)):
+            here, axes = vector_of(now), across(vector_of(told))
+            length = 1 / np.sqrt(
+                1 + rig.tilt[j] @ rig.tilt[j]
+            )  # of told + tilt . axes, to which `here` is shortened
+            moved = length * (axes - np.outer(axes @ here, here))
+            out[:, j] = (normal @ moved.T) / np.hypot(normal @ here, softness)[:, None]
         return out
 
 

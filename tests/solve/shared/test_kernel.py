@@ -64,8 +64,8 @@ class Case:
         thresholds = rng.uniform(0.2, 0.8, (N_PIXEL, 2))
         return cls(signals, tilts, thresholds, events, values, **options)
 
-    def sums(self, move=None):
-        """Evaluate at unknowns moved by (n + m,), those of maps in all pixels alike."""
+    def sums(self, move=None, some=None):
+        """Evaluate at unknowns moved by (n + m,), those of maps in all pixels alike; or only some pixels."""
         move = np.zeros(self.width) if move is None else move
         n = self.n
         maps, shared = move[:N_MAP], move[n:]
@@ -80,7 +80,7 @@ class Case:
         weigh = np.zeros(len(self.events[1])) if self.weigh is None else self.weigh
         return pixel_sums(
             self.events, ORDER, BAND, VEIL, signals, self.tilts, self.thresholds * np.exp(logs), self.own,
-            values, Terms(self.crossfade, self.scatter, ROBUST, SHARE), TABLE, weigh,
+            values, Terms(self.crossfade, self.scatter, ROBUST, SHARE), TABLE, weigh, some,
         )  # fmt: skip
 
     @property
@@ -128,6 +128,18 @@ def test_the_gradient_is_that_of_the_cost(rng, own, crossfade):
     np.testing.assert_allclose(gradient(sums)[which], expected[which], atol=0.01 * np.abs(expected).max())
     assert np.isfinite(sums[3]).sum() > 100 and np.isnan(sums[3]).sum() > 15
     assert np.median(np.abs(expected[which])) > 10
+
+
+def test_some_pixels_are_as_among_all(rng):
+    case, some = Case.draw(rng), np.array([1, 4])
+    whole, part = case.sums(), case.sums(some=some)
+    offset = case.events[0]
+    for i, (a, b) in enumerate(zip(whole, part)):
+        of_pixels = i < 3
+        chosen = some if of_pixels else np.concatenate([np.arange(offset[k], offset[k + 1]) for k in some])
+        np.testing.assert_array_equal(a[chosen], b[chosen])
+        rest = np.delete(b, chosen, axis=0)
+        assert np.all(rest == 0) if i != 3 else np.isnan(rest).all()
 
 
 def test_each_pixel_has_its_own_gradient(rng):

@@ -1,0 +1,262 @@
+"""The posterior of the maps of some pixels and of what they share, with a Gauss-Newton step of both.
+
+The normal matrix has a block for each pixel and a border for what they share; Schur's complement onto the border gives
+the step of what is shared, and with it one of each pixel.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from evsdr.events.lead import TABLE
+from evsdr.events.photoreceptor import SHORTEST
+from evsdr.solve.law import gaussian_share
+from evsdr.solve.noise import NOISE_RANGE
+from evsdr.solve.shared.kernel import ON, Terms, pixel_sums
+from evsdr.solve.shared.pixels import Pixels
+from evsdr.solve.shared.rig import NOT_NEGATIVE, Basis, Rig, Told
+from evsdr.solve.threshold_spread import MEDIAN_OF_SQUARE, SMALLEST_SPREAD
+from evsdr.solve.unknowns import (
+    LARGEST_SLOPE,
+    LARGEST_STEP,
+    LOG_REFLECTANCE_RANGE,
+    LOG_REFLECTANCE_SIGMA,
+    REFLECTANCE_CENTRE,
+    SLOPE_SIGMA,
+)
+
+AGREES = 3.5  # standard deviations of a pixel's misfit from that of most, within which it is heard
+ROBUST = 3.0  # width of Cauchy's cost in standard deviations, as for maps where thresholds are unknown
+SLACK = 0.5  # log likelihood that a pixel may lose in a step
+STEPS = (1e-5, 1e-4, 1e-5, 1e-6, 1e-6)  # of timing, for derivatives
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the inference starts.
+
+    Attributes
+    ----------
+    theta : (n_pixel, n) float
+        Slopes, log reflectances, and where thresholds are unknown the logarithms of their factors.
+    rig : Rig
+    spread : (2,) float
+        Standard deviation of these logarithms over the pixels.
+    scatter : float
+        Standard deviation of the relative residual.
+    """
+
+    theta: np.ndarray
+    rig: Rig
+    spread: np.ndarray
+    scatter: float
+
+
+@dataclass(frozen=True)
+class Point:
+    """The posterior at some values.
+
+    Attributes
+    ----------
+    theta : (n_pixel, n)
+    free : (n_free,)
+        What is shared, along the basis.
+    cost, gradient, matrix
+        Of each pixel, see `kernel.pixel_sums`, priors included.
+    residual, variance : (n_event,)
+    """
+
+    theta: np.ndarray
+    free: np.ndarray
+    cost: np.ndarray
+    gradient: np.ndarray
+    matrix: np.ndarray
+    residual: np.ndarray
+    variance: np.ndarray
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Of the maps of some pixels and what they share.
+
+    Attributes
+    ----------
+    pixels : Pixels
+    basis : Basis
+    sigma : (n_free,) float
+        Of the prior, along the basis.
+    told, centre : (3 n_led + 7,) and (n_free,) float
+        What is told, across the basis and along it.
+    own_thresholds, tilted : bool
+        Whether thresholds of each pixel, and directions of LEDs, are unknown.
+    scatter, spread
+        See `Start`.
+    weigh : (n_event,) float
+        See `kernel.pixel_sums`.
+    heard : (n_pixel,) bool
+        Pixels that tell what is shared; the others, whose events don't agree with it, only follow.
+    """
+
+    pixels: Pixels
+    basis: Basis
+    sigma: np.ndarray
+    told: np.ndarray
+    centre: np.ndarray
+    own_thresholds: bool
+    tilted: bool
+    scatter: float
+    spread: np.ndarray
+    weigh: np.ndarray
+    heard: np.ndarray
+
+    @property
+    def n_map(self) -> int:
+        return 2 + self.pixels.light.n_band
+
+    def rig(self, free: np.ndarray) -> Rig:
+        """Give all values."""
+        return Rig.of(self.told + self.basis.vectors @ free, self.pixels.light.n_led)
+
+    @property
+    def vectors(self) -> np.ndarray:
+        """The basis, in the border's columns."""
+        return self.basis.vectors if self.tilted else self.basis.vectors[: self.pixels.light.n_led + 7]
+
+    def at(self, theta: np.ndarray, free: np.ndarray, some: np.ndarray | None = None) -> Point:
+        """Evaluate it, or only that of some pixels, (n,) int."""
+        pixels, rig, n_map = self.pixels, self.rig(free), self.n_map
+        light = pixels.light
+        gains = theta[:, n_map:] if self.own_thresholds else rig.log_threshold
+        values = np.tile([max(rig.tau, SHORTEST), rig.dark, rig.noise, rig.shift, rig.refractory], (6, 1))
+        values[1:] += np.diag(STEPS)
+        maps = theta[:, :n_map]
+        sums = pixel_sums(
+            pixels.events,
+            pixels.leds,
+            np.array(light.band),
+            float(light.constant_light[0]),
+            pixels.signals(maps, rig),
+            pixels.tilts(maps, rig) if self.tilted else np.zeros((len(theta), light.n_led, 0)),
+            pixels.threshold * np.exp(gains),
+            self.own_thresholds,
+            values,
+            Terms(pixels.crossfade, self.scatter, ROBUST, gaussian_share(ROBUST)),
+            TABLE,
+            self.weigh,
+            some,
+        )
+        return self._with_priors(Point(theta, free, *sums), rig)
+
+    def _with_priors(self, point: Point, rig: Rig) -> Point:
+        """Add the weak priors of the maps, and the distribution of thresholds over the pixels."""
+        n_map, n = self.n_map, point.theta.shape[1]
+        cost, gradient, matrix = point.cost, point.gradient, point.matrix
+        sigma = np.repeat((SLOPE_SIGMA, LOG_REFLECTANCE_SIGMA), (2, n_map - 2))
+        centre = np.repeat((0.0, np.log(REFLECTANCE_CENTRE)), (2, n_map - 2))
+        off = (point.theta[:, :n_map] - centre) / sigma
+        cost += 0.5 * np.sum(off**2, axis=1)
+        gradient[:, :n_map] += off / sigma
+        some = np.arange(n_map)
+        matrix[:, some, some] += sigma**-2
+        if self.own_thresholds:
+            off = (point.theta[:, n_map:] - rig.log_threshold) / self.spread
+            cost += 0.5 * np.sum(off**2, axis=1)
+            gradient[:, n_map:n] += off / self.spread
+            for k, precision in enumerate(self.spread**-2):
+                both = np.array([n_map + k, n + self.pixels.light.n_led + ON + k])
+                gradient[:, both[1]] -= off[:, k] / self.spread[k]
+                matrix[:, both[:, None], both] += precision * np.array([[1, -1], [-1, 1]])
+        return point
+
+    def solve(self, point: Point, damping=0.0, stiffness: float = 0.0) -> tuple:
+        """Eliminate the maps.
+
+        Returns
+        -------
+        step : (n_free,)
+        response : (n_pixel, n, n_free)
+            Of the maps to what is shared.
+        rest : (n_pixel, n)
+            Step of the maps if nothing else moved.
+        complement : (n_free, n_free)
+            Schur's.
+        """
+        n, vectors = point.theta.shape[1], self.vectors
+        own, cross = point.matrix[:, :n, :n].copy(), point.matrix[:, :n, n:] @ vectors
+        np.einsum("nii->ni", own)[:] *= 1 + np.reshape(damping, (-1, 1))
+        right = np.concatenate([cross, point.gradient[:, :n, None]], axis=2)
+        solved = np.linalg.solve(own, right)
+        response, rest = -solved[:, :, :-1], -solved[:, :, -1]
+        heard = self.heard
+        complement = vectors.T @ point.matrix[heard, n:, n:].sum(axis=0) @ vectors + np.diag(self.sigma**-2)
+        complement += np.einsum("nij,nik->jk", cross[heard], response[heard], optimize=True)
+        slope = point.gradient[heard, n:].sum(axis=0) @ vectors + (point.free - self.centre) / self.sigma**2
+        slope += np.einsum("nij,ni->j", cross[heard], rest[heard])
+        stiff = complement + stiffness * np.diag(np.diag(complement))
+        return -np.linalg.solve(stiff, slope), response, rest, complement
+
+    def wanted(self, point: Point, told: Told, name: str) -> float:
+        """Give how many standard deviations above 0 the events want what was not free (Rao 1948, score test)."""
+        more = Basis.of((*self.basis.owner.tolist(), name), self.pixels.light.band)
+        sigma = np.array([told.tolerance(self.pixels.slot_us)[owner] for owner in more.owner])
+        step, _, _, complement = replace(
+            self, basis=more, sigma=sigma, centre=more.vectors.T @ self.basis.vectors @ self.centre
+        ).solve(replace(point, free=more.vectors.T @ self.basis.vectors @ point.free))
+        k = list(more.owner).index(name)
+        return float(step[k] / np.sqrt(np.linalg.inv(complement)[k, k]))
+
+    def moved(self, point: Point, step: np.ndarray, response: np.ndarray, rest: np.ndarray) -> Point:
+        """Evaluate it after a step, kept to sensible lengths and values."""
+        longest = np.repeat(LARGEST_STEP, (2, point.theta.shape[1] - 2))
+        theta = point.theta + np.clip(rest + response @ step, -longest, longest)
+        theta[:, :2] = np.clip(theta[:, :2], -LARGEST_SLOPE, LARGEST_SLOPE)
+        theta[:, 2:] = np.clip(theta[:, 2:], *LOG_REFLECTANCE_RANGE)
+        free = point.free + step
+        free = np.where(np.isin(self.basis.owner, NOT_NEGATIVE), np.maximum(free, 0), free)
+        free = np.where(self.basis.owner == "refractory", np.minimum(free, self.pixels.shortest), free)
+        return self.at(theta, free)
+
+    def kept(self, old: Point, new: Point, worse: np.ndarray) -> Point:
+        """Leave the maps of some pixels, (n_pixel,) bool, as they were; what is shared moves anyway."""
+        some = np.flatnonzero(worse)
+        stayed = self.at(np.where(worse[:, None], old.theta, new.theta), new.free, some)
+        of_event = np.repeat(worse, np.diff(self.pixels.events[0]))
+
+        def choose(name, which):
+            a, b = getattr(new, name), getattr(stayed, name)
+            return np.where(which.reshape(-1, *[1] * (a.ndim - 1)), b, a)
+
+        of_pixels = {name: choose(name, worse) for name in ("theta", "cost", "gradient", "matrix")}
+        return replace(
+            new, **of_pixels, **{name: choose(name, of_event) for name in ("residual", "variance")}
+        )
+
+    def risen(self, old: Point, new: Point) -> float:
+        """Give the mean cost that pixels lost, each counted up to `SLACK`."""
+        before, after = (np.sum(((at.free - self.centre) / self.sigma) ** 2) for at in (old, new))
+        change = np.clip(new.cost - old.cost, -SLACK, SLACK)[self.heard]
+        return float((change.sum() + 0.5 * (after - before)) / max(len(change), 1))
+
+    def learnt(self, point: Point) -> "Posterior":
+        """Learn scatter and spread from what remains, and which pixels are heard."""
+        counts = np.isfinite(point.residual)
+        square = np.median(point.residual[counts] ** 2) / MEDIAN_OF_SQUARE - np.median(point.variance[counts])
+        scatter, spread = np.sqrt(max(square, NOISE_RANGE[0] ** 2)), self.spread
+        if self.own_thresholds:
+            n = point.theta.shape[1]
+            left = np.einsum("nii->ni", np.linalg.inv(point.matrix[:, :n, :n]))[:, self.n_map :]
+            off = point.theta[:, self.n_map :] - self.rig(point.free).log_threshold
+            spread = np.sqrt(np.maximum(np.mean(off**2 + left, axis=0), SMALLEST_SPREAD**2))
+        heard = self._agree(point, scatter)
+        return replace(self, scatter=float(scatter), spread=spread, weigh=point.variance, heard=heard)
+
+    def _agree(self, point: Point, scatter: float) -> np.ndarray:
+        """Tell which pixels' events agree with the model about as well as those of most; others sit in a wrong minimum."""
+        misfit = np.log1p(point.residual**2 / (scatter**2 + point.variance) / ROBUST**2)
+        counts = np.isfinite(misfit)
+        summed = np.append(0.0, np.cumsum(np.where(counts, misfit - misfit[counts].mean(), 0.0)))
+        number = np.append(0, np.cumsum(counts))
+        total, n = (np.diff(of[self.pixels.events[0]]) for of in (summed, number))
+        away = total / np.sqrt(np.maximum(n, 1))
+        away -= np.median(away)
+        return away**2 <= AGREES**2 * np.median(away**2) / MEDIAN_OF_SQUARE

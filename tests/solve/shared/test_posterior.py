@@ -1,0 +1,107 @@
+"""The posterior of maps and of what pixels share: its steps, what it leaves open, and which pixels it hears."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from evsdr.solve.shared.infer import _posterior
+from evsdr.solve.shared.pixels import vector_of
+from evsdr.solve.shared.posterior import SLACK, Start
+from evsdr.solve.shared.rig import Told, across
+from evsdr.solve.unknowns import LOG_REFLECTANCE_SIGMA, SLOPE_SIGMA, to_normal
+from tests.support.shared_unknowns import N_LED, Case
+
+NAMES = ("powers", "directions")
+
+
+@pytest.fixture(scope="module")
+def case():
+    return Case.sphere(size=16, event_noise=0.02)
+
+
+@pytest.fixture(scope="module")
+def posterior(case):
+    theta = case.solution.theta[case.row].astype(float)
+    start = Start(theta, case.told, np.ones(2), case.solution.noise)
+    return _posterior(case.pixels, start, case.told, Told(), NAMES)
+
+
+@pytest.fixture(scope="module")
+def point(case, posterior):
+    theta = case.solution.theta[case.row].astype(float)
+    return posterior.at(theta, posterior.basis.vectors.T @ case.told.vector)
+
+
+def mapped(case, theta, m):
+    """Give maps whose normals are mapped linearly, and the rig under which they look alike."""
+    n = to_normal(theta) @ m.T
+    out = np.column_stack([-n[:, 0] / n[:, 2], -n[:, 1] / n[:, 2], theta[:, 2:]])
+    out[:, 2:] += np.log(np.linalg.norm(n, axis=1))[:, None]
+    told = np.array([vector_of(d) for d in case.pixels.light.direction])
+    light = told @ np.linalg.inv(m)
+    length = np.linalg.norm(light, axis=1)
+    tilt = [across(d) @ v / (d @ v) for d, v in zip(told, light)]
+    gain, band = np.log(length), np.array(case.pixels.light.band)
+    mean = np.bincount(band, gain) / np.bincount(band)
+    out[:, 2:] += mean
+    return out, replace(case.told, log_power=gain - mean[band], tilt=np.array(tilt))
+
+
+@pytest.mark.parametrize("k", range(8))
+def test_a_linear_map_of_normals_is_left_open(case, posterior, point, k):
+    """Powers, directions and maps that move together as a map asks change no signal, so they have no information."""
+    m = np.eye(3)
+    m.ravel()[k] += 1e-3  # all but n_z of itself, which the others and a scale make up
+    theta, rig = mapped(case, point.theta, m)
+    same, other = case.pixels.signals(point.theta, case.told), case.pixels.signals(theta, rig)
+    lit = same[:, 0] > 0.02
+    np.testing.assert_allclose(other[:, 0][lit], same[:, 0][lit], rtol=1e-3)
+    free = posterior.basis.vectors.T @ (rig.vector - case.told.vector)
+    own = theta - point.theta
+    moves = np.concatenate([own, np.tile(posterior.vectors @ free, (len(theta), 1))], axis=1)
+    weak = np.sum((own / np.repeat((SLOPE_SIGMA, LOG_REFLECTANCE_SIGMA), (2, own.shape[1] - 2))) ** 2)
+    told = np.einsum("ni,nij,nj", moves, point.matrix, moves, optimize=True) - weak
+    moves[:, : own.shape[1]] = 0
+    assert told < 1e-3 * np.einsum("ni,nij,nj", moves, point.matrix, moves, optimize=True)
+
+
+def test_pixels_that_would_lose_keep_their_maps(posterior, point):
+    """At the new values of what is shared, as if all had been evaluated there."""
+    free = point.free + 0.01
+    moved = posterior.at(point.theta + 0.1, free)
+    worse = moved.cost - point.cost > SLACK
+    assert worse.any()
+    worse[::2] = False
+    found = posterior.kept(point, moved, worse)
+    expected = posterior.at(np.where(worse[:, None], point.theta, point.theta + 0.1), free)
+    for name in ("theta", "free", "cost", "gradient", "matrix", "residual", "variance"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+
+
+def test_a_loss_counts_up_to_a_limit_and_only_of_pixels_that_are_heard(posterior, point):
+    worse = replace(point, cost=point.cost + np.where(np.arange(len(point.cost)) == 3, 1000.0, 0.1))
+    n = len(point.cost)
+    assert posterior.risen(point, worse) == pytest.approx((SLACK + 0.1 * (n - 1)) / n)
+    deaf = replace(posterior, heard=np.arange(n) != 3)
+    assert deaf.risen(point, worse) == pytest.approx(0.1)
+    far = replace(point, free=point.free + posterior.sigma)
+    assert posterior.risen(point, far) == pytest.approx(0.5 * len(point.free) / n)
+
+
+def test_pixels_in_a_wrong_minimum_are_not_heard(posterior, point):
+    theta = point.theta.copy()
+    theta[5, 0] += 0.5
+    learnt = posterior.learnt(posterior.at(theta, point.free))
+    assert not learnt.heard[5] and learnt.heard.mean() > 0.9
+    assert learnt.scatter == pytest.approx(0.02, rel=0.2)
+    spoilt = posterior.at(theta, point.free)
+    steps = [replace(posterior, heard=heard).solve(spoilt)[0] for heard in (learnt.heard, posterior.heard)]
+    clean = replace(posterior, heard=learnt.heard).solve(posterior.at(point.theta, point.free))[0]
+    np.testing.assert_allclose(steps[0], clean, atol=1e-9 + 1e-6 * np.abs(clean).max())
+    assert np.abs(steps[1] - clean).max() > 10 * np.abs(steps[0] - clean).max()
+
+
+def test_a_rig_holds_what_is_not_free(case, posterior, point):
+    rig = posterior.rig(point.free + 0.01)
+    assert rig.refractory == case.told.refractory and np.any(rig.log_power) and rig.tilt.shape == (N_LED, 2)
