@@ -8,8 +8,7 @@ import numpy as np
 from evsdr.errors import InputError
 from evsdr.files.atomic import atomic_path
 from evsdr.shape.depth import Depth
-
-STEP_DEG = 60.0  # between a triangle and its corners' normals, from which it spans a depth discontinuity
+from evsdr.shape.laplacian import ends
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,6 @@ def make_mesh(
     normal: np.ndarray,
     colour: np.ndarray | None = None,
     to_world: np.ndarray | None = None,
-    bridge: bool = False,
 ) -> SurfaceMesh:
     """Triangulate a depth map.
 
@@ -54,15 +52,11 @@ def make_mesh(
         sRGB, 0..1, as from `daylight.reflectance_to_srgb`.
     to_world : (4, 4) float, optional
         Rigid transformation from the camera frame; by default the mesh stays in the camera frame.
-    bridge : bool
-        Keep triangles across depth discontinuities, as walls along the lines of sight. Without them light
-        leaks through the gaps; with them a shadow is never too small. False leaves out triangles more than
-        60 degrees off their corners' normals.
 
     Returns
     -------
     SurfaceMesh
-        Components of the depth map stay apart: no triangle joins them.
+        No triangle joins neighbours that are not tied: depth jumps there.
 
     Raises
     ------
@@ -81,41 +75,29 @@ def make_mesh(
     position = depth.points[mask]
     normal = np.asarray(normal, float)[mask]
     normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-    face = _triangles(position, mask)
-    if not bridge:
-        face = face[_follows(position, normal, face)]
+    face = _triangles(position, mask, depth.tied)
     rotation, origin = to_world[:3, :3], to_world[:3, 3]
     if colour is not None:
         colour = np.round(255 * np.clip(np.asarray(colour, float)[mask], 0, 1)).astype(np.uint8)
     return SurfaceMesh(position @ rotation.T + origin, normal @ rotation.T, colour, face)
 
 
-def _triangles(position: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Give all triangles between neighbouring pixels of the mask."""
+def _triangles(position: np.ndarray, mask: np.ndarray, tied: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Give all triangles between neighbouring pixels of the mask whose sides along rows and columns are tied."""
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(len(position))
-    a, b, c, d = (
-        index[:-1, :-1].ravel(),
-        index[:-1, 1:].ravel(),
-        index[1:, :-1].ravel(),
-        index[1:, 1:].ravel(),
-    )
-    falling, rising = (np.sum((position[i] - position[j]) ** 2, axis=-1) for i, j in ((a, d), (b, c)))
-    along_falling = np.where((a >= 0) & (d >= 0), (b < 0) | (c < 0) | (falling <= rising), False)[:, None]
-    first = np.where(along_falling, np.stack([a, c, d], axis=-1), np.stack([a, c, b], axis=-1))
-    second = np.where(along_falling, np.stack([a, d, b], axis=-1), np.stack([c, d, b], axis=-1))
-    face = np.stack([first, second], axis=1).reshape(-1, 3)
-    return face[(face >= 0).all(axis=-1)]
-
-
-def _follows(position: np.ndarray, normal: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """Tell which triangles follow their corners' normals."""
-    corner = position[face]
-    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    mean = normal[face].sum(axis=1)
-    cosine = np.einsum("fk,fk->f", across, mean)
-    length = np.linalg.norm(across, axis=-1) * np.linalg.norm(mean, axis=-1)
-    return cosine >= np.cos(np.radians(STEP_DEG)) * length
+    (a, b), (c, d) = ([corner.ravel() for corner in ends(row, 1)] for row in ends(index, 0))
+    rows, columns = (tie & np.logical_and(*ends(mask, axis)) for axis, tie in enumerate(tied))
+    (left, right), (upper, lower) = ends(rows, 1), ends(columns, 0)
+    falling = [(left & lower).ravel(), (upper & right).ravel()]  # along the diagonal from a to d
+    rising = [(left & upper).ravel(), (lower & right).ravel()]
+    more = np.sum(falling, axis=0) - np.sum(rising, axis=0)
+    across, along = (np.sum((position[i] - position[j]) ** 2, axis=-1) for i, j in ((b, c), (a, d)))
+    cut = np.where(more == 0, along <= across, more > 0)
+    corners = (a, c, d), (a, d, b), (a, c, b), (c, d, b)
+    whole = [f & cut for f in falling] + [r & ~cut for r in rising]
+    face = np.stack([np.stack(corner, axis=-1) for corner in corners], axis=1)
+    return face[np.stack(whole, axis=1)]
 
 
 def write_mesh(path: str | Path, mesh: SurfaceMesh) -> None:

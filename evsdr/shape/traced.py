@@ -8,13 +8,15 @@ from scipy import ndimage
 from evsdr.files.daylight import reflectance_to_srgb
 from evsdr.records import Maps
 from evsdr.shape.depth import Depth, integrate_normals, write_depth
+from evsdr.shape.laplacian import ends
 from evsdr.shape.mesh import SurfaceMesh, make_mesh, write_mesh
+from evsdr.shape.patches import vertex_depth
 
-MARGIN = 3  # pixels around the image: one that the mesh reaches, two more for cubic interpolation
-PLACE = (
+OFF_CENTRE = (
     0.01,
     0.02,
-)  # rows and columns of vertices off pixel centres: a ray through a vertex may slip through
+)  # rows and columns of a vertex off its pixel's centre: a ray through it may slip through
+RIM = (0, 3, 6, 7, 8, 5, 2, 1)  # of a pixel's nine vertices, row after row; anticlockwise
 
 
 def depth_of(maps: Maps, mask: np.ndarray, camera, anchor: np.ndarray) -> Depth:
@@ -39,9 +41,9 @@ def depth_of(maps: Maps, mask: np.ndarray, camera, anchor: np.ndarray) -> Depth:
 def traced_mesh(depth: Depth, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Make the mesh that stands for the surface when light is traced.
 
-    It has two vertices per pixel and axis, as facets of whole pixels would cut off the ridges that cast shadows. It
-    reaches one pixel beyond the mask so that the outermost pixels lie on it whole, and has walls along the lines of
-    sight at depth discontinuities, so that no light leaks through.
+    Each pixel has its own vertices, at its corners, the middles of its sides and its centre, as facets of whole
+    pixels would cut off the ridges that cast shadows. At jumps the surface ends on either side, with walls along the
+    lines of sight between, so that no light leaks through.
 
     Parameters
     ----------
@@ -54,50 +56,33 @@ def traced_mesh(depth: Depth, to_world: np.ndarray) -> tuple[np.ndarray, np.ndar
     position : (n_vertex, 3) float
         Vertices in the world.
     face : (n_face, 3) int
-        Their number depends on the mask alone.
+        The same for one mask: walls of height 0 stand where nothing jumps.
     """
-    mask = np.pad(depth.mask, MARGIN)
-    near = tuple(ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True))
-    filled = np.where(mask, np.pad(depth.depth, MARGIN), -np.inf)
-    for _ in range(MARGIN):  # as far as the farthest neighbour: a nearer one would cast a shadow
-        filled = np.where(np.isfinite(filled), filled, ndimage.maximum_filter(filled, 3))
-    filled = np.where(np.isfinite(filled), filled, 0)
-    component = np.pad(depth.component, MARGIN)[near]
-    grown = ndimage.binary_dilation(mask, np.ones((3, 3)))
-    value = _refined(_refined(filled, 0, PLACE[0]), 1, PLACE[1])
-    row, column = (1 + place + 0.5 * np.arange(n) for n, place in zip(value.shape, PLACE))
-    whole = np.ix_(np.floor(row + 0.5).astype(int), np.floor(column + 0.5).astype(int))
-    component, grown = component[whole], grown[whole]
-    camera = depth.camera
-    x = (column - MARGIN + 0.5 - camera.center[0]) * camera.pixel_size[0]
-    y = (camera.center[1] - (row - MARGIN) - 0.5) * camera.pixel_size[1]
-    xy = np.stack(np.meshgrid(x, y), axis=-1)
-    if camera.perspective:
-        xy = value[..., None] * xy
-    position = np.concatenate([xy, -value[..., None]], axis=-1)
-    index = np.full(value.shape, -1)
-    index[grown] = np.arange(np.count_nonzero(grown))
-    corner = [index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]]
-    piece = [component[:-1, :-1], component[:-1, 1:], component[1:, :-1], component[1:, 1:]]
-    kept = np.all([c >= 0 for c in corner], axis=0) & np.all([p == piece[0] for p in piece], axis=0)
-    a, b, c, d = (index[kept] for index in corner)
-    face = np.concatenate([np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)])
-    return position[grown] @ to_world[:3, :3].T + to_world[:3, 3], face
+    position = _positions(depth)[depth.mask].reshape(-1, 3)
+    index = np.full((*depth.mask.shape, 9), -1)
+    index[depth.mask] = np.arange(len(position)).reshape(-1, 9)
+    own = index[depth.mask]
+    faces = [own[:, [4, i, j]] for i, j in zip(RIM, RIM[1:] + RIM[:1])]
+    for axis, (last, first) in enumerate((((6, 7, 8), (0, 1, 2)), ((2, 5, 8), (0, 3, 6)))):
+        joined = np.logical_and(*ends(depth.mask, axis))
+        one, other = (pixel[joined] for pixel in ends(index, axis))
+        for k in (0, 1):
+            a, b, c, d = one[:, last[k]], one[:, last[k + 1]], other[:, first[k]], other[:, first[k + 1]]
+            faces += [np.stack(corner, axis=1) for corner in ((a, b, c), (b, d, c))]
+    return position @ to_world[:3, :3].T + to_world[:3, 3], np.concatenate(faces)
 
 
-def _refined(value: np.ndarray, axis: int, place: float) -> np.ndarray:
-    """Interpolate cubically at `place` and `place` + 1/2 after each inner sample of an axis."""
-    v = np.moveaxis(value, axis, 0)
-    out = np.empty((2 * (len(v) - 3), *v.shape[1:]))
-    for i, t in enumerate((place, place + 0.5)):
-        weight = (
-            -t * (t - 1) * (t - 2) / 6,
-            (t + 1) * (t - 1) * (t - 2) / 2,
-            -(t + 1) * t * (t - 2) / 2,
-            (t + 1) * t * (t - 1) / 6,
-        )
-        out[i::2] = sum(w * v[k : len(v) - 3 + k] for k, w in enumerate(weight))
-    return np.moveaxis(out, 0, axis)
+def _positions(depth: Depth) -> np.ndarray:
+    """Give the vertices (H, W, 3, 3, 3) of each pixel in the camera frame."""
+    camera, value = depth.camera, vertex_depth(depth, OFF_CENTRE)
+    row, column = np.meshgrid((0, 0.5, 1), (0, 0.5, 1), indexing="ij")
+    row[1, 1] += OFF_CENTRE[0]
+    column[1, 1] += OFF_CENTRE[1]
+    height, width = depth.mask.shape
+    x = (np.arange(width)[:, None, None] + column - camera.center[0]) * camera.pixel_size[0]
+    y = (camera.center[1] - np.arange(height)[:, None, None, None] - row) * camera.pixel_size[1]
+    xy = np.stack(np.broadcast_arrays(x, y), axis=-1)
+    return np.concatenate([value[..., None] * xy if camera.perspective else xy, -value[..., None]], axis=-1)
 
 
 def surface_files(depth: Depth, maps: Maps, to_world: np.ndarray) -> dict:
@@ -113,7 +98,6 @@ def surface_files(depth: Depth, maps: Maps, to_world: np.ndarray) -> dict:
 
 def masked_mesh(depth: Depth, maps: Maps, to_world: np.ndarray) -> SurfaceMesh:
     """Make the mesh to look at, in the world, from the pixels whose normals are known."""
-    component, _ = ndimage.label(maps.mask)
-    known = replace(depth, mask=depth.mask & maps.mask, component=component)
+    known = replace(depth, mask=depth.mask & maps.mask)
     colour = reflectance_to_srgb(maps.reflectance, maps.band_wavelength_nm)
     return make_mesh(known, maps.normal, colour, to_world)

@@ -12,14 +12,9 @@ from evsdr.light.ground_truth import object_depth, object_normals, surface_maps
 from evsdr.light.tracing import trace_illumination
 from evsdr.shape.traced import traced_mesh
 from tests.conftest import REPOSITORY
+from tests.support.depths import make_depth
 from tests.support.small_scene import camera, scene
 from tests.support.worlds import load
-
-
-def make_depth(depth, mask, geometry):
-    from evsdr.shape.depth import Depth
-
-    return Depth(np.where(mask, depth, 0), mask, mask.astype(np.int32), geometry)
 
 
 @pytest.mark.parametrize("kind", ["orthographic", "perspective"])
@@ -28,7 +23,7 @@ def test_mesh_of_the_true_depth_is_the_object(tmp_path, kind):
     ring = load(tmp_path, scene(sensor=camera(kind=kind, width=40, height=40)))
     depth = object_depth(ring)
     geometry, to_world = camera_geometry(ring.sensor)
-    surface = make_depth(depth, depth > 0, geometry)
+    surface = make_depth(depth, geometry, depth > 0, object_normals(ring))
     position, face = traced_mesh(surface, to_world)
     other = scenes.with_object(ring, position, face)
     inner = (object_normals(ring)[..., 2] > 0.7) & (depth > 0)
@@ -51,7 +46,7 @@ def test_every_pixel_lies_on_its_mesh_whole(tmp_path):
     mask = np.zeros((ring.height, ring.width), bool)
     mask[0, 0] = mask[6, 7] = True
     other = scenes.with_object(
-        ring, *traced_mesh(make_depth(np.full(mask.shape, 4.0), mask, geometry), to_world)
+        ring, *traced_mesh(make_depth(np.full(mask.shape, 4.0), geometry, mask), to_world)
     )
     _, coverage = trace_illumination(other, 16, False)
     assert (coverage[mask] == 1).all()

@@ -7,6 +7,7 @@ import pytest
 from evsdr.errors import InputError
 from evsdr.model.view import CameraGeometry
 from evsdr.shape.depth import integrate_normals, write_depth
+from evsdr.shape.laplacian import ends
 
 
 def orthographic(height, width, size=0.02):
@@ -55,10 +56,11 @@ def relief(x, y):
     )
 
 
-def ramp_beside_plane(x, y):
-    """Half the film rises out of the other half: a step that grows with y, and starts at 0."""
-    up = (x > 0) & (y > -0.3)
-    return np.where(up, 0.2 * (y + 0.3), 0.0), 0.0, np.where(up, 0.2, 0.0)
+def flap(x, y):
+    """A flap that rises out of a plane along x, smoothly at its foot and its sides, and ends in a jump."""
+    fade = np.maximum(1 - y**2 / 0.64, 0)
+    up = np.where((x > -0.5) & (x < 0.2), x + 0.5, 0)
+    return 2 * up**2 * fade**2, 4 * up * fade**2, 2 * up**2 * 2 * fade * (-2 * y / 0.64)
 
 
 def test_points():
@@ -76,17 +78,22 @@ def test_plane():
 
 
 @pytest.mark.parametrize("perspective", [False, True])
-def test_sphere(perspective):
-    """Exact up to its outline, where normals are steep: the chord rule holds on spheres."""
+@pytest.mark.parametrize("n_reweight", [0, 30])
+def test_sphere(perspective, n_reweight):
+    """Exact up to its outline, where normals are steep: the chord rule holds on spheres.
+
+    Reweighting believes the inner side of steep pixels more, which costs half a pixel at the outline.
+    """
     camera = CameraGeometry(perspective, (0.05, 0.05) if not perspective else (0.01, 0.01), (22.0, 25.0))
     normal, depth, mask = sphere(camera, 48, 50)
-    result = integrate_normals(normal, mask, camera, anchor=depth)
+    result = integrate_normals(normal, mask, camera, anchor=depth, n_reweight=n_reweight)
     sight = -camera.points(depth) if perspective else np.broadcast_to([0, 0, 1], normal.shape)
     inside = mask & (np.sum(normal * sight, axis=-1) > 0.2 * np.linalg.norm(sight, axis=-1))
     assert inside.sum() > 0.8 * mask.sum() > 800
     error = (result.depth - depth)[inside]
-    assert np.ptp(error) < 1e-3
-    assert rms(result, depth) < 5e-3
+    assert np.ptp(error) < (0.02 if n_reweight else 1e-3)
+    assert rms(result, depth) < (1e-2 if n_reweight else 5e-3)
+    assert all((tie >= np.logical_and(*ends(inside, axis))).all() for axis, tie in enumerate(result.tied))
     np.testing.assert_allclose(result.depth[mask].mean(), depth[mask].mean(), rtol=1e-12)
 
 
@@ -113,31 +120,57 @@ def test_noise():
     assert rms(result, depth) < 0.1 * 0.02
 
 
-def test_discontinuity():
-    camera = orthographic(64, 64, 2 / 64)
-    normal, depth = surface(camera, 64, 64, ramp_beside_plane)
-    normal = tilt(normal, 0.2, np.random.default_rng(1))
-    plain, robust = (
-        integrate_normals(normal, np.ones((64, 64)), camera, anchor=depth, n_reweight=n) for n in (0, 8)
+def perspective_flap(height, width):
+    """Give camera, normals and depth of the flap as the perspective camera sees it: depth 5 exp(-h(x, y) / 5)."""
+    camera = CameraGeometry(True, (0.4 / width, 0.4 / width), (width / 2, height / 2))
+    x, y, _ = np.moveaxis(camera.points(np.ones((height, width))), -1, 0)
+    h, slope_x, slope_y = flap(5 * x, 5 * y)
+    depth = 5 * np.exp(-h / 5)
+    # P = depth (x, y, -1); normal = dP/dx x dP/dy, with d depth = -depth (slope_x dx + slope_y dy)
+    normal = np.stack([-slope_x, -slope_y, 1 - x * slope_x - y * slope_y], axis=-1)
+    return camera, normal, depth
+
+
+@pytest.mark.parametrize("perspective", [False, True])
+@pytest.mark.parametrize("n", [48, 64])
+def test_a_jump_in_one_part(perspective, n):
+    """Sides that are tied around a jump tell its height; least squares smear it.
+
+    The pixels next to it may hang on either side.
+    """
+    if perspective:
+        camera, normal, depth = perspective_flap(n, n)
+    else:
+        camera = orthographic(n, n, 2 / n)
+        normal, depth = surface(camera, n, n, flap)
+    normal = tilt(normal / np.linalg.norm(normal, axis=-1, keepdims=True), 0.2, np.random.default_rng(1))
+    plain, kept = (
+        integrate_normals(normal, np.ones((n, n)), camera, anchor=depth, n_reweight=k) for k in (0, 30)
     )
-    assert rms(plain, depth) > 0.04
-    assert rms(robust, depth) < 0.5 * rms(plain, depth)
-    step = np.diff(depth, axis=1)[:24, 31]
-    kept = [np.mean(np.diff(d.depth, axis=1)[:24, 31] / step) for d in (plain, robust)]
-    assert kept[0] < 0.4 and kept[1] > 0.6
+    last = int(np.argmax(np.diff(depth, axis=1).max(axis=0)))
+
+    def height(d):
+        return d[:, last + 3] - d[:, last - 2]
+
+    rows = height(depth) > 0.4
+    assert rows.sum() > n / 4
+    share = [np.mean(height(d.depth)[rows] / height(depth)[rows]) for d in (plain, kept)]
+    assert share[0] < 0.3 and 0.85 < share[1] < 1.1
+    cuts = ~kept.tied[1]
+    assert cuts[rows, last - 2 : last + 3].any(axis=1).all()
+    assert (
+        not cuts[:, : last - 2].any() and not cuts[:, last + 3 :].any() and kept.tied[0][:, : last - 2].all()
+    )
 
 
-def test_wrong_normals_that_nobody_announced():
-    """Patches of normals that are 20 degrees off, as cast shadows leave them."""
+def test_all_is_tied_on_a_smooth_surface():
+    """Noise of five degrees cuts nothing."""
     camera = orthographic(64, 64)
     normal, depth = surface(camera, 64, 64, relief)
-    normal[20:28, 12:20] += [0.4, 0.1, 0]
-    normal[40:46, 40:50] += [-0.1, 0.4, 0]
-    normal = tilt(normal, 0.5, np.random.default_rng(2))
-    plain, robust = (
-        integrate_normals(normal, np.ones((64, 64)), camera, anchor=depth, n_reweight=n) for n in (0, 8)
-    )
-    assert rms(robust, depth) < 0.4 * rms(plain, depth)
+    normal = tilt(normal, 5.0, np.random.default_rng(5))
+    result = integrate_normals(normal, np.ones((64, 64)), camera, anchor=depth)
+    assert all(tie.all() for tie in result.tied)
+    np.testing.assert_allclose(np.linalg.norm(result.normal, axis=-1), 1)
 
 
 def test_sigma(rng):
@@ -221,13 +254,14 @@ def test_normals_away_from_the_camera(perspective, rng):
 
 
 def test_normals_from_behind_are_turned():
-    """Normals that point away count as steep ones; the surface around them stays where it is."""
+    """Normals that point away count as steep ones; if they are known to be wrong, the surface stays where it is."""
     camera = orthographic(64, 64)
     normal, depth = surface(camera, 64, 64, relief)
     normal[30:33, 30:33] = [0.6, 0, -0.8]
     normal[10, 10:30] = [0, 0.6, -0.8]
-    result = integrate_normals(normal, np.ones((64, 64)), camera, anchor=depth)
-    assert rms(result, depth) < 0.1 * 0.02
+    sigma = np.where(normal[..., 2] < 0, 90.0, 1.0)
+    told, untold = (integrate_normals(normal, np.ones((64, 64)), camera, s, depth) for s in (sigma, None))
+    assert rms(told, depth) < 0.1 * 0.02 and rms(untold, depth) < 0.4 * 0.02
 
 
 def test_bad_input():

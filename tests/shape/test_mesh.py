@@ -6,15 +6,15 @@ import trimesh
 
 from evsdr.errors import InputError
 from evsdr.model.view import CameraGeometry
-from evsdr.shape.depth import Depth, integrate_normals
+from evsdr.shape.depth import integrate_normals
 from evsdr.shape.mesh import make_mesh, write_mesh
+from tests.support.depths import cut, make_depth
 
 CAMERA = CameraGeometry(False, (0.1, 0.1), (6.0, 5.0))
 
 
 def depth_map(depth, mask=None, camera=CAMERA):
-    mask = np.ones(depth.shape, bool) if mask is None else mask
-    return Depth(np.where(mask, depth, 0), mask, mask.astype(np.int32), camera)
+    return make_depth(depth, camera, mask)
 
 
 def frontal(shape):
@@ -41,13 +41,14 @@ def test_triangles_face_the_camera(perspective, rng):
 
 
 def test_shorter_diagonal():
-    """Along an oblique step each quad keeps the triangle that lies on one side, either way it runs."""
+    """Along an oblique step each quad keeps a triangle that lies on one side, either way it runs."""
     row, column = np.mgrid[:10, :12]
     for deep in (row > column, row + column > 9):
         mesh = make_mesh(depth_map(np.where(deep, 4.0, 3.0)), frontal((10, 12)))
+        flat = np.ptp(mesh.position[mesh.face][..., 2], axis=1) == 0
         n_deep = sum(deep[i : i + 9, j : j + 11].astype(int) for i in (0, 1) for j in (0, 1))
-        assert len(mesh.face) == np.sum(np.array([2, 1, 0, 1, 2])[n_deep])
-        assert 0 < np.sum(n_deep % 2) and np.ptp(mesh.position[mesh.face][..., 2], axis=1).max() == 0
+        assert flat.sum() == np.sum(np.array([2, 1, 0, 1, 2])[n_deep])
+        assert 0 < np.sum(n_deep % 2) and len(mesh.face) == 2 * 9 * 11
 
 
 def test_quads_with_a_hole():
@@ -61,15 +62,29 @@ def test_quads_with_a_hole():
     assert len(make_mesh(depth_map(np.full((2, 2), 3.0), np.eye(2, dtype=bool)), frontal((2, 2))).face) == 0
 
 
-def test_depth_step():
-    """The wall of a step is left out, or built."""
+def test_no_triangle_spans_a_jump():
+    """Neither along a column, nor along a staircase, whose quads keep the triangles of either side."""
     depth = np.where(np.arange(12) < 6, 4.0, 3.0) * np.ones((10, 1))
-    open_mesh, closed = (make_mesh(depth_map(depth), frontal((10, 12)), bridge=b) for b in (False, True))
-    assert len(open_mesh.face) == 2 * 9 * 10 and len(closed.face) == 2 * 9 * 11
-    assert np.ptp(open_mesh.position[open_mesh.face][..., 2], axis=1).max() == 0
-    steep = np.full((10, 12, 3), [-0.96, 0, 0.28])  # where the normals tell of a slope, there is no step
-    slope = depth_map(4 - 0.1 * 0.96 / 0.28 * np.arange(12) * np.ones((10, 1)))
-    assert len(make_mesh(slope, steep).face) == 2 * 9 * 11
+    whole, apart = (
+        make_mesh(d, frontal((10, 12))) for d in (depth_map(depth), cut(depth_map(depth), column=6))
+    )
+    assert len(apart.face) == 2 * 9 * 10 and len(whole.face) == 2 * 9 * 11
+    assert np.ptp(apart.position[apart.face][..., 2], axis=1).max() == 0
+    row, column = np.mgrid[:10, :12]
+    for deep in (row > column, row + column > 9):
+        tied = [np.diff(deep, axis=axis) == 0 for axis in (0, 1)]
+        mesh = make_mesh(make_depth(np.where(deep, 4.0, 3.0), CAMERA, tied=tied), frontal((10, 12)))
+        n_deep = sum(deep[i : i + 9, j : j + 11].astype(int) for i in (0, 1) for j in (0, 1))
+        assert len(mesh.face) == np.sum(np.array([2, 1, 0, 1, 2])[n_deep])
+        assert np.ptp(mesh.position[mesh.face][..., 2], axis=1).max() == 0
+
+
+def test_where_a_cut_ends_one_triangle_goes():
+    """Of four pixels in a ring, three ties hold: two triangles need both sides of a corner."""
+    for axis, place in ((0, (0, 0)), (0, (0, 1)), (1, (0, 0)), (1, (1, 0))):
+        tied = [np.ones((1, 2), bool), np.ones((2, 1), bool)]
+        tied[axis][place] = False
+        assert len(make_mesh(make_depth(np.ones((2, 2)), CAMERA, tied=tied), frontal((2, 2))).face) == 1
 
 
 def test_world(rng):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from evsdr.shape.depth import _solve
+from evsdr.shape.laplacian import solve
 
 
 def dense(weight, difference, shape):
@@ -28,7 +28,7 @@ def test_solver_against_dense(shape, rng):
     difference = [rng.normal(size=s) for s in shapes]
     if shape == (9, 6):
         weight[0][4] = 0  # two components
-    value = _solve(weight, difference, np.zeros(shape), 1e-9)
+    value = solve(weight, difference, np.zeros(shape), 1e-9)
     expected = dense(weight, difference, shape)
     for axis in (0, 1):
         joined = weight[axis] > 0
@@ -41,4 +41,4 @@ def test_solver_starts_warm(rng):
     value = rng.normal(size=(20, 30))
     difference = [np.diff(value, axis=axis) for axis in (0, 1)]
     weight = [np.ones_like(d) for d in difference]
-    np.testing.assert_allclose(_solve(weight, difference, value + 3, 0.01), value + 3, atol=1e-12)
+    np.testing.assert_allclose(solve(weight, difference, value + 3, 0.01), value + 3, atol=1e-12)
