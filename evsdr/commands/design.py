@@ -17,6 +17,7 @@ from evsdr.events.pixel import EventPixel
 from evsdr.files.atomic import atomic_folder, check_folder
 from evsdr.progress import Stages
 from evsdr.records import Schedule
+from evsdr.solve.shared.rig import Told
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class Options:
     """Length of a slot [us]."""
     crossfade: float = 1.0
     """Fraction of a slot's end over which an LED fades into the next; 0 is a hard switch."""
+    leds_told_to: float = 0.0
+    """How well the scene tells the directions of far LEDs: one standard deviation [deg]; 0 takes them as told."""
     shininess: float = 32.0
     """Blinn-Phong exponent of the gloss."""
     gloss_threshold: float = 0.5
@@ -50,7 +53,7 @@ class Options:
     spp: int = 16
     """Rays per pixel."""
     seed: int = 0
-    """Seed of the rays."""
+    """Seed of the rays, and of the events that are simulated."""
     define: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction] = field(
         default=()
     )
@@ -71,22 +74,23 @@ def command(options: Options) -> None:
         with stages.stage("start"):
             jit.start()
             from evsdr.light.scene import load_scene
-            from evsdr.limits.judge import find_bound, judge, render_object
+            from evsdr.limits.judge import judge, limit_of, render_object
         with stages.stage("trace"):
             ring = load_scene(options.scene, parse_definitions(options.define))
             schedule = make_schedule(options, ring.leds.n_led)
             rendering = render_object(ring, options.spp, options.seed)
         with stages.stage("bound"):
-            bound = find_bound(ring, rendering, schedule, options.rounds, pixel)
+            told = Told(directions_deg=options.leds_told_to)
+            limit = limit_of(ring, rendering, schedule, options.rounds, pixel, told, seed=options.seed)
     mask = rendering.truth.mask
     design = {
         "evsdr": __version__,
         "scene": str(options.scene),
-        **judge(ring, rendering, bound, schedule, options.shininess, options.gloss_threshold),
+        **judge(ring, rendering, limit, schedule, options.shininess, options.gloss_threshold),
         "seconds": stages.seconds,
     }
     with atomic_folder(out) as folder:
-        draw(bound, mask, folder / "bound.png")
+        draw(limit.told, mask, folder / "bound.png")
         (folder / "design.json").write_text(json.dumps(design, indent=2, allow_nan=False) + "\n")
     print_leds(design["leds"])
     for problem in design["problems"]:
@@ -102,6 +106,7 @@ def check_options(options: Options) -> EventPixel:
     for name, value, right, what in (
         ("noise", options.noise, 0 < options.noise < np.inf, "a number above 0"),
         ("slot-us", options.slot_us, 0 < options.slot_us < np.inf, "a time above 0"),
+        ("leds-told-to", options.leds_told_to, 0 <= options.leds_told_to < 45, "degrees, 0 to 45"),
         ("crossfade", options.crossfade, 0 <= options.crossfade <= 1, "a number from 0 to 1"),
         ("shininess", options.shininess, 0 < options.shininess < np.inf, "a number above 0"),
         ("gloss-threshold", options.gloss_threshold, 0 < options.gloss_threshold <= 1, "0 to 1, above 0"),
@@ -153,17 +158,22 @@ def describe(design: dict) -> list[tuple[str, str]]:
     safe, bound = design["safe_polar_deg"], design["bound"]
     share = design["constant_light"] / design["median_led_signal"] if design["median_led_signal"] else np.inf
 
-    def figures(name, unit):
-        mean, median = bound[f"{name}_mean"], bound[f"{name}_median"]
-        return "nothing known" if mean is None else f"{mean:.3g} / {median:.3g}{unit}"
+    def figures(name, unit, bound=bound):
+        values = bound[f"{name}_rms"], bound[f"{name}_median"]
+        return "nothing known" if values[0] is None else f"{values[0]:.3g} / {values[1]:.3g}{unit}"
 
+    shared = [
+        (f"{name}, limit, LEDs and thresholds unknown", figures(key, unit, design["bound_shared_unknown"]))
+        for name, key, unit in (("normals", "normal_deg", " deg"), ("reflectance", "reflectance", ""))
+    ]
     return [
         ("polar angles safe from gloss [deg]", f"{safe[0]:.2f} to {safe[1]:.2f}" if safe else "none"),
         ("normals that lose a band to gloss and shadow", f"{design['normals_without_clean_band']:.2%}"),
         ("constant light / median LED signal", f"{share:.3g}"),
         ("event pairs per pixel", f"{bound['pairs_per_pixel']:.1f}"),
-        ("normals, bound: mean / median", figures("normal_deg", " deg")),
-        ("reflectance, bound: mean / median", figures("reflectance", "")),
+        ("normals, limit: root mean square / median", figures("normal_deg", " deg")),
+        ("reflectance, limit: root mean square / median", figures("reflectance", "")),
+        *shared,
         ("normals known", f"{bound['share_normal_known']:.1%}"),
         ("reflectances known", f"{bound['share_reflectance_known']:.1%}"),
     ]

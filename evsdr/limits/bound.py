@@ -1,29 +1,23 @@
-"""How well normals and reflectance can be known: the Cramer-Rao bound of event pairs.
+"""How well normals and reflectance can be known: the limit of Cramer and Rao for the events of a ring.
 
-The events that pixels without noise would fire are paired, and the normal equations of the solver stand at
-the true maps; their inverse is the smallest covariance that an unbiased estimate from these pairs can have,
-for known thresholds that scatter from event to event. Silence and the density of event times say a little
-more; thresholds that have to be estimated, too, leave less.
+The inverse of the Fisher information (`information`) is the smallest covariance that an unbiased estimate of a pixel
+alone can have, without priors of its maps. What all pixels share is told, or unknown but for its tolerance: then the
+Schur complement onto it says how well all pixels together tell it, and what that costs each of them.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import drjit as dr
 import numpy as np
 
-from evsdr.events.pairs import pair_events
-from evsdr.events.pixel import EventPixel
-from evsdr.events.simulator import simulate_events
-from evsdr.model.illumination import Illumination
-from evsdr.model.lambert import LambertianRing
-from evsdr.records import Recording, Schedule, Sensor
-from evsdr.solve.event_terms import normal_equations
-from evsdr.solve.loss import derivative_table
-from evsdr.solve.problem import make_problem
-from evsdr.solve.unknowns import normal_sigma_deg, to_theta
+from evsdr.errors import InputError
+from evsdr.limits.information import REPEATS, Information, Plan, average_information, theta_of
+from evsdr.solve.shared.kernel import ON
+from evsdr.solve.shared.pixels import is_far
+from evsdr.solve.shared.rig import Basis, Rig, Told
+from evsdr.solve.threshold_spread import SMALLEST_SPREAD
+from evsdr.solve.unknowns import normal_sigma_deg
 
-NO_ROBUST = 1e6  # width of the Cauchy cost, in standard deviations: least squares
-SINGULAR = 1e-6  # eigenvalue of the scaled matrix that float32 can't tell from 0
+SINGULAR = 1e-6  # eigenvalue of the scaled matrix that a parabola for log I can't tell from 0
 UNTOUCHED = 1e-4  # share of an unknown in the null directions up to which it is known all the same
 
 
@@ -37,104 +31,120 @@ class Bound:
         Root mean square angle of the normal [deg]; 180 where nothing is known.
     reflectance_sigma : (height, width, n_band) float64
         Of the reflectance of each band; 1 where nothing is known, as everywhere without constant light.
-    n_pair : (height, width) int
-        Event pairs that the pixel gives.
     """
 
     normal_sigma_deg: np.ndarray
     reflectance_sigma: np.ndarray
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What a recording can tell.
+
+    Attributes
+    ----------
+    told : Bound
+        Of maps, if all that pixels share is told, and the thresholds of each.
+    unknown : Bound
+        If none of that is known better than its tolerance.
+    names : tuple of str
+        What is unknown then, of `rig.NAMES`.
+    shared : Rig
+        Standard deviations of what pixels share; 0 for what is told.
+    n_pair : (height, width) float64
+        Event pairs that the pixel gives, on average.
+    """
+
+    told: Bound
+    unknown: Bound
+    names: tuple[str, ...]
+    shared: Rig
     n_pair: np.ndarray
 
 
-def event_pair_bound(
-    signal: np.ndarray,
-    normal: np.ndarray,
-    reflectance: np.ndarray,
-    mask: np.ndarray,
-    light: Illumination,
-    schedule: Schedule,
-    n_round: int,
-    pixel: EventPixel,
-) -> Bound:
+def find_limit(plan: Plan, told: Told = Told(), repeats: int = REPEATS, seed: int = 0) -> Limit:
     """Predict how well a recording would tell normals and reflectance.
 
     Parameters
     ----------
-    signal : (n_led, height, width) float
-        A_xj: decides when events fire.
-    normal : (height, width, 3) float
-        True unit normals, camera frame.
-    reflectance : (height, width, n_band) float
-        True band reflectance.
-    mask : (height, width) bool
-        Pixels that count.
-    light : Illumination
-        What the LEDs send; arrays of width 1 or height * width.
-    schedule : Schedule
-        Which LED is lit when.
-    n_round : int
-        Number of rounds.
-    pixel : EventPixel
-        Thresholds, refractory period and event noise (above 0) count.
-
-    Returns
-    -------
-    Bound
+    plan : Plan
+    told : Told
+        How well what pixels share is told; directions of LEDs by 0 are told.
+    repeats, seed : int
+        See `average_information`.
 
     Raises
     ------
     InputError
         No pixel fires two events.
     """
-    height, width = mask.shape
-    ideal = replace(pixel.idealised(), event_noise=0.0)
-    constant_light = float(light.constant_light[0])
-    events, *_, starts = simulate_events(np.where(mask, signal, 0), constant_light, schedule, n_round, ideal)
-    sensor = Sensor(
-        width, height, pixel.contrast_threshold_on, pixel.contrast_threshold_off, pixel.refractory_us
+    names = unknown_names(plan, told)
+    information = average_information(plan, repeats, seed, "directions" in names)
+    if not information.n_pair.any():
+        raise InputError("no pixel fires two events.")
+    n_map = 2 + plan.light.n_band
+    covariance, known = invert_information(information.own[:, :n_map, :n_map])
+    covariances, all_known, sigma = _eliminated(plan, information, told, names)
+    return Limit(
+        told=_bound(plan, covariance, known),
+        unknown=_bound(plan, covariances[:, :n_map, :n_map], all_known[:, :n_map]),
+        names=names,
+        shared=sigma,
+        n_pair=_image(plan.mask, information.n_pair, 0.0),
     )
-    recording = Recording(events, sensor, schedule, starts)
-    problem = make_problem(recording, pair_events(recording, mask), light, mask)
 
-    theta = to_theta(normal[mask], reflectance[mask], type(light.constant_light))
-    p, q, *r = (np.asarray(t.numpy(), float) for t in theta)
-    matrix = _information(problem, theta, pixel.event_noise)
-    covariance, known = invert_information(matrix)
-    angle = np.where(known[:, :2].all(axis=1), normal_sigma_deg(p, q, covariance[:, :2, :2]), 180)
-    spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, 2:]) * np.exp(r).T
-    spread = np.where(known[:, 2:] & (constant_light > 0), spread, 1)
 
-    def image(values, elsewhere):
-        out = np.full((height, width, *values.shape[1:]), elsewhere)
-        out[mask] = values
-        return out
+def unknown_names(plan: Plan, told: Told) -> tuple[str, ...]:
+    """Name what pixels share, of `rig.NAMES`; the light of a lag alone tells times (see `effects.shared`)."""
+    lag = ("tau", "dark", "noise", "shift") if plan.pixel.cutoff_hz else ()
+    directions = ("directions",) if told.directions_deg and is_far(plan.light) else ()
+    return ("powers", *lag, "refractory", "thresholds", *directions)
 
+
+def _eliminated(plan: Plan, information: Information, told: Told, names: tuple[str, ...]) -> tuple:
+    """Give covariance and known of each pixel's unknowns, and the standard deviations of what pixels share.
+
+    The logarithms of a pixel's thresholds scatter about the means that pixels share.
+    """
+    own, cross, shared = information.own.copy(), information.cross.copy(), information.shared.copy()
+    n_led, n_map = plan.light.n_led, 2 + plan.light.n_band
+    for k in range(own.shape[1] - n_map):
+        i, column = n_map + k, n_led + ON + k
+        precision = max(plan.spread[k], SMALLEST_SPREAD) ** -2
+        own[:, i, i] += precision
+        cross[:, i, column] -= precision
+        shared[column, column] += len(own) * precision
+    basis, width = Basis.of(names, plan.light.band), told.tolerance(plan.schedule.slot_us)
+    vectors = basis.vectors
+    covariance, known = invert_information(own)
+    cross = cross @ vectors
+    response = covariance @ cross
+    complement = vectors.T @ shared @ vectors + np.diag([width[name] ** -2 for name in basis.owner])
+    complement -= np.einsum("nij,nik->jk", cross, response, optimize=True)
+    left = np.linalg.inv(complement)
+    covariance += response @ left @ response.swapaxes(1, 2)
+    variance = np.einsum("ij,jk,ik->i", vectors, left, vectors, optimize=True)
+    return covariance, known, Rig.of(np.sqrt(variance), n_led)
+
+
+def _bound(plan: Plan, covariance: np.ndarray, known: np.ndarray) -> Bound:
+    """Turn the covariance of slopes and log reflectances into sigmas."""
+    theta = theta_of(plan, np.flatnonzero(plan.mask))
+    angle = normal_sigma_deg(theta[:, 0], theta[:, 1], covariance[:, :2, :2])
+    spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, 2:]) * np.exp(theta[:, 2:])
+    scaled = known[:, 2:] & (float(plan.light.constant_light[0]) > 0)
     return Bound(
-        normal_sigma_deg=image(np.minimum(angle, 180.0), 180.0),
-        reflectance_sigma=image(np.minimum(spread, 1.0), 1.0),
-        n_pair=image(np.diff(problem.pairs.offset.numpy().astype(int)), 0),
+        normal_sigma_deg=_image(
+            plan.mask, np.where(known[:, :2].all(axis=1), np.minimum(angle, 180.0), 180.0), 180.0
+        ),
+        reflectance_sigma=_image(plan.mask, np.where(scaled, np.minimum(spread, 1.0), 1.0), 1.0),
     )
 
 
-def _information(problem, theta: list, noise: float) -> np.ndarray:
-    """Give the Fisher information (n_pixel, n_unknown, n_unknown) of slopes and log reflectances."""
-    Float = type(problem.pairs.phases)
-    light, n = problem.illumination, len(theta)
-    signals = LambertianRing(light)(theta[0], theta[1], [dr.exp(t) for t in theta[2:]], Float(light.horizon))
-    table = derivative_table(*signals, light.band, problem.n_pixel)
-    _, _, triangle = normal_equations(
-        table,
-        problem.pairs,
-        light.constant_light,
-        n - 2,
-        Float(noise),
-        Float(NO_ROBUST),
-    )
-    rows, columns = np.tril_indices(n)
-    matrix = np.zeros((problem.n_pixel, n, n))
-    for i, j, entry in zip(rows, columns, triangle):
-        matrix[:, i, j] = matrix[:, j, i] = entry.numpy()
-    return matrix
+def _image(mask: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray:
+    out = np.full((*mask.shape, *values.shape[1:]), elsewhere)
+    out[mask] = values
+    return out
 
 
 def invert_information(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,9 +15,11 @@ from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import RingScene
 from evsdr.light.tracing import led_images, light_at_centre, trace_illumination
 from evsdr.limits import theory
-from evsdr.limits.bound import Bound, event_pair_bound
+from evsdr.limits.bound import Bound, Limit, find_limit
+from evsdr.limits.information import REPEATS, Plan
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps, Schedule
+from evsdr.solve.shared.rig import Told
 
 N_NORMAL = 20_000  # over the visible hemisphere, to count clean observations
 
@@ -55,28 +57,27 @@ def render_object(ring: RingScene, spp: int, seed: int) -> Rendering:
     return Rendering(truth, signal, illumination)
 
 
-def find_bound(
-    ring: RingScene, rendering: Rendering, schedule: Schedule, rounds: int, pixel: EventPixel
-) -> Bound:
-    """Give the bound of what a recording of some rounds can tell of the object; see `event_pair_bound`.
+def limit_of(
+    ring: RingScene,
+    rendering: Rendering,
+    schedule: Schedule,
+    rounds: int,
+    pixel: EventPixel,
+    told: Told = Told(),
+    repeats: int = REPEATS,
+    seed: int = 0,
+) -> Limit:
+    """Give the limit of what a recording of some rounds can tell of the object; see `find_limit`.
 
     Raises
     ------
     InputError
         No pixel of the object fires two events.
     """
-    truth = rendering.truth
+    truth, light = rendering.truth, rendering.illumination
+    plan = Plan(truth.normal, truth.reflectance, truth.mask, light, schedule, rounds, pixel)
     try:
-        return event_pair_bound(
-            rendering.signal,
-            truth.normal,
-            truth.reflectance,
-            truth.mask,
-            rendering.illumination,
-            schedule,
-            rounds,
-            pixel,
-        )
+        return find_limit(plan, told, repeats, seed)
     except InputError as error:
         raise InputError(
             f"{ring.path}: no pixel of the object fires two events; lower the thresholds or the "
@@ -87,20 +88,20 @@ def find_bound(
 def judge(
     ring: RingScene,
     rendering: Rendering,
-    bound: Bound,
+    limit: Limit,
     schedule: Schedule,
     shininess: float = 32.0,
     gloss_threshold: float = 0.5,
 ) -> dict:
-    """Tell what a ring can identify, which LEDs are safe from gloss, and sum up the bound.
+    """Tell what a ring can identify, which LEDs are safe from gloss, and sum up the limit.
 
     Parameters
     ----------
     ring : RingScene
     rendering : Rendering
         Of `render_object`.
-    bound : Bound
-        Of `find_bound`.
+    limit : Limit
+        Of `limit_of`.
     schedule : Schedule
         Which LED is lit when.
     shininess : float
@@ -130,7 +131,13 @@ def judge(
         "normals_without_clean_band": float(np.mean((clean == 0).any(axis=1))),
         "constant_light": ring.constant_light,
         "median_led_signal": float(np.median(lit[lit > 0])) if (lit > 0).any() else 0.0,
-        "bound": summarise_bound(bound, mask),
+        "bound": {
+            "pixels": int(mask.sum()),
+            "pairs_per_pixel": float(limit.n_pair[mask].mean()),
+            **summarise_bound(limit.told, mask),
+        },
+        "bound_shared_unknown": summarise_bound(limit.unknown, mask),
+        "shared_sigma": shared_sigma(limit, schedule.slot_us),
     }
 
 
@@ -154,16 +161,29 @@ def describe_leds(ring: RingScene, light: np.ndarray, safe: tuple[float, float] 
 
 
 def summarise_bound(bound: Bound, mask: np.ndarray) -> dict:
-    """Give means and medians of a bound over the pixels that it knows."""
+    """Give root mean squares, means and medians of a bound over the pixels that it knows."""
     angle, spread = bound.normal_sigma_deg[mask], bound.reflectance_sigma[mask]
     known, known_band = angle < 180, spread < 1
     summary = {
-        "pixels": int(mask.sum()),
-        "pairs_per_pixel": float(bound.n_pair[mask].mean()),
         "share_normal_known": float(known.mean()),
         "share_reflectance_known": float(known_band.mean()),
     }
     for name, values in (("normal_deg", angle[known]), ("reflectance", spread[known_band])):
-        summary[f"{name}_mean"] = float(values.mean()) if values.size else None
-        summary[f"{name}_median"] = float(np.median(values)) if values.size else None
+        some = bool(values.size)
+        summary[f"{name}_rms"] = float(np.sqrt(np.mean(values**2))) if some else None
+        summary[f"{name}_mean"] = float(values.mean()) if some else None
+        summary[f"{name}_median"] = float(np.median(values)) if some else None
     return summary
+
+
+def shared_sigma(limit: Limit, slot_us: float) -> dict:
+    """Give how well the events tell what pixels share: powers and thresholds as shares, root mean squares."""
+    sigma = limit.shared
+    found = {
+        "powers": float(np.sqrt(np.mean(sigma.log_power**2))),
+        "threshold_on": float(sigma.log_threshold[0]),
+        "threshold_off": float(sigma.log_threshold[1]),
+        "refractory_us": sigma.refractory * slot_us,
+        "directions_deg": float(np.degrees(np.sqrt(np.mean(sigma.tilt**2)))),
+    }
+    return found if "directions" in limit.names else found | {"directions_deg": None}

@@ -9,14 +9,24 @@ from pathlib import Path
 import numpy as np
 
 import evsdr
-from evsdr import EventPixel, InputError, Maps, Recording, Settings, Truth, angular_error_deg
-from evsdr.limits.bound import Bound
-from evsdr.limits.judge import Rendering, find_bound, render_object
+from evsdr import EventPixel, InputError, Maps, Recording, Settings, Truth
+from evsdr.events.pairs import pair_events
+from evsdr.events.record import record as record_light
+from evsdr.limits.bound import Limit
+from evsdr.limits.information import Plan, pixels_of, theta_of
+from evsdr.limits.judge import Rendering, limit_of, render_object
+from evsdr.model.lambert import LambertianRing
+from evsdr.solve import loop, recipes
+from evsdr.solve.problem import make_problem
+from evsdr.solve.shared.rig import Told
+from evsdr.solve.unknowns import first_theta, to_normal
+
+from .errors import compare, shares_within
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 SPP = 16  # rays per pixel of the images, and for visibility
-KNOWN_DEG = 30.0  # bound of a normal up to which a pixel is compared with it
-LEAST_NOISE = 0.01  # event noise of the bound where there is none: without noise it would be 0
+OWN = "own light"  # in place of a preset: see `recover_own_light`
+TOLD = Told(directions_deg=0.0)  # as a fit takes it by default
 
 
 @dataclass(frozen=True)
@@ -33,6 +43,8 @@ class Setting:
         Relative standard deviation of the thresholds from event to event.
     rounds : int
         Rounds of the ring.
+    evk4 : bool
+        An EVK4 with all its defects, that tells one value for all thresholds, instead of all but the rounds and C_w.
     """
 
     constant_light: float = 0.05
@@ -40,22 +52,24 @@ class Setting:
     threshold_off: float = 0.3795
     noise: float = 0.1
     rounds: int = 6
+    evk4: bool = False
 
     def pixel(self) -> EventPixel:
-        """Give the event pixel: ideal but for event noise and refractory period."""
+        """Give the event pixel: ideal but for event noise and refractory period, or an EVK4."""
+        if self.evk4:
+            return EventPixel()
         return EventPixel(self.threshold_on, self.threshold_off, event_noise=self.noise).idealised()
 
 
 BASE = Setting()
+EVK4 = Setting(evk4=True)
 SWEEPS = {
     "constant light": [
-        (c, replace(BASE, constant_light=c)) for c in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
+        (c, replace(BASE, constant_light=c)) for c in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
     ],
-    "threshold": [
-        (c, replace(BASE, threshold_on=c, threshold_off=c)) for c in (0.05, 0.1, 0.17, 0.25, 0.35, 0.5)
-    ],
-    "noise": [(s, replace(BASE, noise=s)) for s in (0.0, 0.02, 0.05, 0.1, 0.2, 0.3)],
-    "rounds": [(n, replace(BASE, rounds=n)) for n in (1, 2, 6, 12, 24)],
+    "threshold": [(c, replace(BASE, threshold_on=c, threshold_off=c)) for c in (0.05, 0.1, 0.2, 0.35, 0.5)],
+    "noise": [(s, replace(BASE, noise=s)) for s in (0.02, 0.05, 0.1, 0.2, 0.3)],
+    "rounds": [(n, replace(BASE, rounds=n)) for n in (1, 2, 6, 24)],
 }
 
 
@@ -105,113 +119,80 @@ def led_signal(rendered: Rendered) -> float:
 
 
 def record(rendered: Rendered, setting: Setting, seed: int = 0) -> Recording:
-    """Simulate a recording, as `evsdr.simulate --ideal` does; it tells the thresholds."""
+    """Simulate a recording, as `evsdr.simulate` does; an ideal pixel tells its thresholds."""
     scene = rendered.scene(setting)
-    return evsdr.simulate(scene, setting.pixel(), rounds=setting.rounds, seed=seed, spp=SPP)[0]
+    given = {"rounds": setting.rounds, "seed": seed, "spp": SPP, "thresholds": "nominal"}
+    return evsdr.simulate(scene, setting.pixel(), **given)[0]
 
 
 def recover(rendered: Rendered, setting: Setting, recording: Recording, preset: str, priors: bool) -> Maps:
-    """Fit a recording as `evsdr.fit --thresholds known` does, without a look for what the pixels don't have."""
-    settings = Settings(preset=preset, thresholds="known", refractory="known", lag="off", gloss="off")
+    """Fit a recording; of an ideal pixel as `evsdr.fit --thresholds known` does, without a look for what it doesn't have."""
+    settings = Settings(preset=preset, gloss="off")
+    if not setting.evk4:
+        settings = replace(settings, thresholds="known", refractory="known", lag="off")
     settings = settings if priors else replace(settings, priors=())
     return evsdr.fit(rendered.scene(setting), recording, settings).maps
 
 
-def bound_of(rendered: Rendered, setting: Setting, recording: Recording) -> Bound:
-    """Give the bound of a recording; without event noise, that of `LEAST_NOISE`."""
-    pixel, light = setting.pixel(), rendered.object.illumination
-    pixel = replace(pixel, event_noise=max(pixel.event_noise, LEAST_NOISE))
+def limit(rendered: Rendered, setting: Setting, recording: Recording) -> Limit:
+    """Give the limit of a recording."""
+    light = rendered.object.illumination
     light = replace(light, constant_light=type(light.constant_light)(setting.constant_light))
+    seen = replace(rendered.object, illumination=light)
     scene = rendered.scene(setting)
-    return find_bound(
-        scene, replace(rendered.object, illumination=light), recording.schedule, setting.rounds, pixel
+    return limit_of(scene, seen, recording.schedule, setting.rounds, setting.pixel(), TOLD)
+
+
+def recover_own_light(rendered: Rendered, setting: Setting, recording: Recording) -> Maps:
+    """Record the light that the model has, of one normal per pixel, as a recording did; solve each pixel alone."""
+    truth, light = rendered.truth, rendered.object.illumination
+    given = truth.normal, truth.reflectance, truth.mask, light, recording.schedule, setting.rounds
+    plan = Plan(*given, setting.pixel())
+    number = np.flatnonzero(truth.mask)
+    image = np.zeros((light.n_led, *truth.mask.shape))
+    image[:, truth.mask] = pixels_of(plan, number).signals(theta_of(plan, number), plan.rig)[:, 0].T
+    recording = record_light(image, setting.constant_light, plan.pixel, plan.schedule, plan.n_round)
+    problem = make_problem(recording, pair_events(recording, truth.mask), light, truth.mask)
+    light, effort = problem.illumination, recipes.Effort(priors=None)
+    data = loop.data_of(
+        LambertianRing(light), problem.pairs, light.constant_light, problem.grid, effort.width(False)
+    )
+    frontal = np.tile([0.0, 0.0, 1.0], (problem.n_pixel, 1))
+    start = first_theta(frontal, light.n_band, False, type(light.constant_light))
+    theta = loop.solve(data, recipes.whole(effort), loop.start_of(data, start, effort.n_early)).theta
+    normal, reflectance = np.zeros(truth.normal.shape), np.zeros(truth.reflectance.shape)
+    normal[truth.mask], reflectance[truth.mask] = to_normal(theta), np.exp(theta[:, 2:])
+    return Maps(
+        normal, reflectance, truth.mask, np.zeros(truth.mask.shape), np.zeros(reflectance.shape), np.empty(0)
     )
 
 
-def compare(maps: Maps, truth: Truth, bound: Bound) -> dict:
-    """Compare maps with truth and bound.
-
-    Returns
-    -------
-    dict
-        `angle`, `reflectance`: mean error, as angle [deg] and as root mean square over bands, over the pixels whose
-        normal is bounded by KNOWN_DEG, or whose reflectance is bounded in all bands; `..._known`: their share;
-        `..._bound`: mean of the bound over them; `..._ratio`: error / bound; None where no pixel is known. And the
-        metrics of `score` over all of the truth's pixels.
-    """
-    figures = evsdr.score(maps, truth)
-    for name, found, least, known in (
-        (
-            "angle",
-            angular_error_deg(maps.normal, truth.normal),
-            bound.normal_sigma_deg,
-            bound.normal_sigma_deg < KNOWN_DEG,
-        ),
-        (
-            "reflectance",
-            np.sqrt(np.mean((maps.reflectance - truth.reflectance) ** 2, axis=-1)),
-            np.sqrt(np.mean(bound.reflectance_sigma**2, axis=-1)),
-            (bound.reflectance_sigma < 1).all(axis=-1),
-        ),
-    ):
-        known = known & truth.mask
-        mean, limit = (float(v[known].mean()) if known.any() else None for v in (found, least))
-        figures |= {
-            f"{name}_known": np.count_nonzero(known) / np.count_nonzero(truth.mask),
-            name: mean,
-            f"{name}_bound": limit,
-            f"{name}_ratio": mean / limit if known.any() else None,
-        }
-    return figures
-
-
-def run(rendered: Rendered, setting: Setting, presets: tuple[str, ...] = ("balanced",)) -> list[dict]:
+def run(
+    rendered: Rendered, setting: Setting, presets: tuple[str, ...] = ("fast",), own: bool = False
+) -> list[dict]:
     """Record a setting once and fit it with each preset, pixels alone and with priors.
 
     Returns
     -------
     list of dict
-        The figures of `compare`, with `scene`, `preset`, `priors` and `events` per pixel of the object; empty
-        where too few events fire to fit anything.
+        The figures of `compare` and `shares_within`, with `scene`, `sensor`, `preset`, `priors` and `events` per pixel
+        of the object; empty where too few events fire to fit anything. With `own` the first is that of
+        `recover_own_light`, which says no sigma.
     """
     recording = record(rendered, setting)
     try:
-        bound = bound_of(rendered, setting, recording)
+        least = limit(rendered, setting, recording)
     except InputError:  # no pixel fires two events
         return []
     rate = len(recording.events) / np.count_nonzero(rendered.truth.mask)
-    rows = []
+    which = {"scene": rendered.name, "sensor": "EVK4" if setting.evk4 else "ideal", "events": rate}
+    found = {(OWN, False): recover_own_light(rendered, setting, recording)} if own else {}
     for preset in presets:
         for priors in (False, True):
-            maps = recover(rendered, setting, recording, preset, priors)
-            which = {"scene": rendered.name, "preset": preset, "priors": priors, "events": rate}
-            rows.append(which | compare(maps, rendered.truth, bound))
+            found[preset, priors] = recover(rendered, setting, recording, preset, priors)
+    rows = []
+    for (preset, priors), maps in found.items():
+        shares = {} if preset == OWN else shares_within(maps, rendered.truth)
+        row = which | {"preset": preset, "priors": priors}
+        rows.append(row | compare(maps, rendered.truth, least) | shares)
     return rows
-
-
-def shares_within(maps: Maps, truth: Truth) -> dict:
-    """Tell how often the truth lies within one and two sigma, over known pixels of the truth [share].
-
-    Returns
-    -------
-    dict
-        `angle_1`, `angle_2` for normals, `reflectance_1`, `reflectance_2` for reflectance, each band by itself,
-        and `known`, the share of pixels that the maps know.
-    """
-    known = maps.mask & truth.mask
-    angle = angular_error_deg(maps.normal, truth.normal)[known] / maps.normal_sigma_deg[known]
-    reflectance = (np.abs(maps.reflectance - truth.reflectance) / maps.reflectance_sigma)[known]
-    shares = {"known": np.count_nonzero(known) / np.count_nonzero(truth.mask)}
-    for name, value in (("angle", angle), ("reflectance", reflectance)):
-        shares |= {f"{name}_{k}": float(np.mean(value < k)) if known.any() else None for k in (1, 2)}
-    return shares
-
-
-def calibrate(rendered: Rendered) -> list[dict]:
-    """Fit the base case and give the figures of `shares_within`, pixels alone and with priors."""
-    recording = record(rendered, BASE)
-    return [
-        {"scene": rendered.name, "size": rendered.size, "priors": priors}
-        | shares_within(recover(rendered, BASE, recording, "balanced", priors), rendered.truth)
-        for priors in (False, True)
-    ]

@@ -1,4 +1,4 @@
-"""Draw error and bound against each parameter, for each scene."""
+"""Draw error and limit against each parameter, for each scene."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ AXES = {
     "rounds": "rounds",
 }
 COLOUR = {"bound": "0.35", False: "tab:blue", True: "tab:orange"}
-LABEL = {"bound": "bound", False: "fit, each pixel alone", True: "fit with priors"}
+LABEL = {"bound": "limit", False: "fit, each pixel alone", True: "fit with priors"}
 
 
 def draw(rows: list[dict], base: dict[str, float], signal: dict[str, float], file: Path) -> None:
@@ -35,8 +35,8 @@ def draw(rows: list[dict], base: dict[str, float], signal: dict[str, float], fil
     figure = plt.figure(figsize=(11, height), layout="constrained")
     halves = figure.subfigures(2, 1, hspace=0.02)
     for half, key, title in (
-        (halves[0], "angle", "Normals: mean angular error [deg]"),
-        (halves[1], "reflectance", "Reflectance: mean over pixels of the rms error over bands"),
+        (halves[0], "angle", "Normals: root mean square angle [deg]"),
+        (halves[1], "reflectance", "Reflectance: root mean square error"),
     ):
         half.suptitle(title, fontsize=12, fontweight="bold")
         panels = half.subplots(len(scenes), len(AXES), sharex="col", sharey="row", squeeze=False)
@@ -59,7 +59,7 @@ def draw(rows: list[dict], base: dict[str, float], signal: dict[str, float], fil
     lines.append(plt.Line2D([], [], color="tab:green", linestyle=":", label="median LED signal"))
     lines.append(
         plt.Line2D(
-            [], [], color="0.4", marker="o", ls="", mfc="white", label="under half of the pixels bounded"
+            [], [], color="0.4", marker="o", ls="", mfc="white", label="under half of the pixels known"
         )
     )
     figure.legend(handles=lines, loc="outside upper center", ncols=3, frameon=False)
@@ -72,10 +72,9 @@ def _curves(axis, rows: list[dict], key: str, parameter: str) -> None:
     scale = 100 if parameter == "noise" else 1
     rows = [row for row in rows if row[key] is not None]
     alone = [row for row in rows if not row["priors"]]
-    with_bound = [row for row in alone if row["value"] > 0]
     axis.plot(
-        [scale * row["value"] for row in with_bound],
-        [row[f"{key}_bound"] for row in with_bound],
+        [scale * row["value"] for row in alone],
+        [row[f"{key}_bound"] for row in alone],
         "--",
         color=COLOUR["bound"],
     )

@@ -6,7 +6,7 @@ SLACK = 1.1  # error, relative to the least, up to which a constant light is as 
 
 
 def median_ratios(base: list[dict]) -> list[dict]:
-    """Give the median over scenes of error / bound in the base case, for each preset, with and without priors.
+    """Give the median over scenes of error / limit in the base case, for each sensor and preset, with and without priors.
 
     Parameters
     ----------
@@ -14,13 +14,13 @@ def median_ratios(base: list[dict]) -> list[dict]:
         Rows of `compute.run`.
     """
     out = []
-    for preset, priors in dict.fromkeys((row["preset"], row["priors"]) for row in base):
-        some = [row for row in base if (row["preset"], row["priors"]) == (preset, priors)]
+    for key in dict.fromkeys((row["sensor"], row["preset"], row["priors"]) for row in base):
+        some = [row for row in base if (row["sensor"], row["preset"], row["priors"]) == key]
         medians = {
             name: float(np.median([row[name] for row in some if row[name] is not None]))
-            for name in ("angle_ratio", "reflectance_ratio")
+            for name in ("angle_ratio", "angle_typical", "reflectance_ratio", "reflectance_typical")
         }
-        out.append({"preset": preset, "priors": priors, "scenes": len(some)} | medians)
+        out.append(dict(zip(("sensor", "preset", "priors"), key)) | {"scenes": len(some)} | medians)
     return out
 
 
@@ -57,7 +57,7 @@ def best(values, errors) -> tuple[float, float, float]:
 def best_constant_light(rows: list[dict], signal: dict[str, float]) -> list[dict]:
     """Find the best constant light of each scene, for normals and for reflectance.
 
-    By the errors over all pixels of the truth: among the pixels that a bound calls known, strong constant light
+    By the errors over all pixels of the truth: among the pixels that the limit calls known, strong constant light
     leaves only the bright ones.
 
     Parameters

@@ -6,12 +6,16 @@ HEADINGS = {
     "events": ("events", "{:.0f}"),
     "angle_known": ("known", "{:.0%}"),
     "angle": ("angle", "{:.2f}"),
-    "angle_bound": ("bound", "{:.2f}"),
+    "angle_bound": ("limit", "{:.2f}"),
+    "angle_told": ("told", "{:.2f}"),
     "angle_ratio": ("ratio", "{:.2f}"),
+    "angle_typical": ("typ.", "{:.2f}"),
     "reflectance_known": ("known", "{:.0%}"),
     "reflectance": ("refl.", "{:.4f}"),
-    "reflectance_bound": ("bound", "{:.4f}"),
+    "reflectance_bound": ("limit", "{:.4f}"),
+    "reflectance_told": ("told", "{:.4f}"),
     "reflectance_ratio": ("ratio", "{:.2f}"),
+    "reflectance_typical": ("typ.", "{:.2f}"),
     "mae_deg": ("MAE", "{:.2f}"),
     "rmse": ("RMSE", "{:.4f}"),
     "sam_deg": ("SAM", "{:.2f}"),
@@ -32,7 +36,7 @@ def _text(value, form: str) -> str:
 
 
 def case_table(title: str, label: str, rows: list[dict]) -> Table:
-    """Show errors, bounds and ratios; `label` names the entry that tells the rows apart."""
+    """Show errors, limits and ratios; `label` names the entry that tells the rows apart."""
     out = _table(title, (label, "priors"), tuple(heading for heading, _ in HEADINGS.values()))
     for row in rows:
         first = row[label] if isinstance(row[label], str) else f"{row[label]:g}"
@@ -42,11 +46,16 @@ def case_table(title: str, label: str, rows: list[dict]) -> Table:
 
 
 def ratio_table(rows: list[dict]) -> Table:
-    """Show the medians over scenes of error / bound."""
-    out = _table("Base case: median over scenes of error / bound", ("preset", "priors"), ("angle", "refl."))
+    """Show the medians over scenes of error / limit."""
+    keys = ("angle_ratio", "angle_typical", "reflectance_ratio", "reflectance_typical")
+    out = _table(
+        "Base case: median over scenes of error / limit",
+        ("sensor", "preset", "priors"),
+        ("angle", "typ.", "refl.", "typ."),
+    )
     for row in rows:
-        ratios = (f"{row[key]:.2f}" for key in ("angle_ratio", "reflectance_ratio"))
-        out.add_row(row["preset"], "on" if row["priors"] else "none", *ratios)
+        ratios = (f"{row[key]:.2f}" for key in keys)
+        out.add_row(row["sensor"], row["preset"], "on" if row["priors"] else "none", *ratios)
     return out
 
 
@@ -54,13 +63,16 @@ def calibration_table(rows: list[dict]) -> Table:
     """Show how many pixels lie within one and two sigma."""
     out = _table(
         "Pixels within 1 and 2 sigma [%] (wanted: 68 and 95; angle of a 2-D Gaussian: 63 and 98)",
-        ("scene", "size", "priors"),
+        ("scene", "sensor", "preset", "priors"),
         ("known", "angle 1", "angle 2", "refl. 1", "refl. 2"),
     )
     for row in rows:
+        if "known" not in row:
+            continue
         keys = ("known", "angle_1", "angle_2", "reflectance_1", "reflectance_2")
         shares = (_text(row[key] and 100 * row[key], "{:.0f}") for key in keys)
-        out.add_row(row["scene"], str(row["size"]), "on" if row["priors"] else "none", *shares)
+        left = row["scene"], row["sensor"], row["preset"], "on" if row["priors"] else "none"
+        out.add_row(*left, *shares)
     return out
 
 
@@ -87,7 +99,7 @@ def best_table(rows: list[dict], signal: dict[str, float]) -> Table:
 def markdown(rows: list[dict]) -> str:
     """Write all swept cases as one table per quantity, a row per setting and a column per scene.
 
-    A cell holds the error of each pixel alone, that with priors, the bound, and the ratio of the first to it.
+    A cell holds the error of each pixel alone, that with priors, the limit, and the ratio of the first to it.
     """
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     case = {(row["parameter"], row["value"], row["scene"], row["priors"]): row for row in rows}

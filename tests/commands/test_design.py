@@ -83,7 +83,19 @@ def test_the_bound_is_summed_up_over_the_object(place):
     assert 0.6 < one["pixels"] / (WIDTH * HEIGHT * np.pi / (4 * 1.4**2 * 0.75)) < 1
     assert one["pairs_per_pixel"] > 5
     assert 0 < one["reflectance_median"] < one["reflectance_mean"] < 1
-    assert noisy["normal_deg_median"] == pytest.approx(3 * one["normal_deg_median"], rel=0.1)
+    assert noisy["normal_deg_median"] == pytest.approx(3 * one["normal_deg_median"], rel=0.15)
+    assert one["normal_deg_median"] < one["normal_deg_rms"]
+
+
+def test_what_pixels_share_is_unknown_to_a_tolerance(place, capsys):
+    assert run("--out", "told") == run("--out", "untold", "--leds-told-to", 3) == 0
+    told, untold = (results(place / name) for name in ("told", "untold"))
+    assert told["bound"] == untold["bound"]
+    medians = [r[key]["normal_deg_median"] for r, key in ((told, "bound"), (told, "bound_shared_unknown"))]
+    assert medians[0] < medians[1] < untold["bound_shared_unknown"]["normal_deg_median"]
+    assert told["shared_sigma"]["directions_deg"] is None
+    assert 0.5 < untold["shared_sigma"]["directions_deg"] < 3
+    assert "LEDs and thresholds unknown" in capsys.readouterr().out
 
 
 def test_it_tells_that_constant_light_and_bands_are_missing(place):
@@ -114,6 +126,7 @@ def test_gloss_that_no_polar_angle_avoids(place, capsys):
         (["--rounds", 0], "--rounds"),
         (["--slot-us", 0], "--slot-us"),
         (["--crossfade", 1.5], "--crossfade"),
+        (["--leds-told-to", -1], "--leds-told-to"),
         (["--shininess", 0], "--shininess"),
         (["--gloss-threshold", 0], "--gloss-threshold"),
         (["--threshold-on", 0], "contrast_threshold_on"),

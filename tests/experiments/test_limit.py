@@ -1,16 +1,17 @@
-"""The experiments on the Cramer-Rao bound and on the colour chart."""
+"""The experiments on the limit of what a recording tells, and on the colour chart."""
 
 import json
 
 import numpy as np
 import pytest
 
-from evsdr.limits.bound import Bound
+from evsdr.limits.bound import Bound, Limit
 from evsdr.records import Maps, Truth
 from experiments.colour_chart import __main__ as chart_command
 from experiments.colour_chart import compute as chart
 from experiments.limit import __main__ as experiment
 from experiments.limit import compute, summary
+from experiments.limit.errors import compare, shares_within
 
 
 @pytest.fixture(scope="module")
@@ -38,45 +39,54 @@ def made_up(
     ), truth
 
 
-def test_errors_count_where_the_bound_knows():
+def limit_of(angle, spread) -> Limit:
+    """Make a limit with unknown rig, by hand; told, it is half of that."""
+    told, unknown = (Bound(f * np.asarray(angle), f * np.asarray(spread)) for f in (0.5, 1.0))
+    return Limit(told, unknown, (), None, np.ones(np.shape(angle)))
+
+
+def test_errors_count_where_they_can_be_small():
     maps, truth = made_up([[1, 3, 50, 7]], [[[0.03, 0.04], [0.01, 0.01], [0.1, 0.1], [0.1, 0.1]]])
     spread = np.full((1, 4, 2), 0.02)
-    spread[0, 3, 1] = 1  # one band unknown
-    bound = Bound(np.array([[2.0, 6.0, 31.0, 1.0]]), spread, np.ones((1, 4), int))
-    figures = compute.compare(maps, truth, bound)
+    spread[0, 3, 1] = 0.11  # one band unknown
+    figures = compare(maps, truth, limit_of([[2.0, 6.0, 11.0, 1.0]], spread))
     assert figures["angle_known"] == figures["reflectance_known"] == 0.75
-    assert figures["angle"] == pytest.approx(11 / 3) and figures["angle_bound"] == pytest.approx(3)
-    assert figures["angle_ratio"] == pytest.approx(11 / 9)
-    assert figures["reflectance"] == pytest.approx((np.sqrt(0.00125) + 0.01 + 0.1) / 3)
+    assert figures["angle"] == pytest.approx(np.sqrt(59 / 3))
+    assert figures["angle_bound"] == 2 * figures["angle_told"] == pytest.approx(np.sqrt(41 / 3))
+    assert figures["angle_ratio"] == pytest.approx(np.sqrt(59 / 41))
+    assert figures["angle_typical"] == pytest.approx(0.5 / 0.8326, rel=1e-3)
+    assert figures["reflectance"] == pytest.approx(np.sqrt((0.0025 + 0.0002 + 0.02) / 6))
     assert figures["reflectance_ratio"] == pytest.approx(figures["reflectance"] / 0.02)
+    assert figures["reflectance_typical"] == pytest.approx(1.75 / 0.6745)
     assert figures["mae_deg"] == pytest.approx(61 / 4)  # over all pixels
 
 
 def test_nothing_known_is_no_number():
     maps, truth = made_up([[1, 3]], np.zeros((1, 2, 2)))
-    figures = compute.compare(
-        maps, truth, Bound(np.full((1, 2), 180.0), np.ones((1, 2, 2)), np.zeros((1, 2), int))
-    )
+    figures = compare(maps, truth, limit_of(np.full((1, 2), 180.0), np.ones((1, 2, 2))))
     assert figures["angle_known"] == 0 and figures["angle"] is None and figures["reflectance_ratio"] is None
 
 
 def test_shares_within_sigma():
     difference = [[[0.05, 0.15], [0.05, 0.25], [0.05, 0.05], [9, 9]]]
     maps, truth = made_up([[0.5, 1.5, 2.5, 0]], difference, np.array([[True, True, True, False]]))
-    shares = compute.shares_within(maps, truth)
+    shares = shares_within(maps, truth)
     assert shares["known"] == 0.75
     assert (shares["angle_1"], shares["angle_2"]) == pytest.approx((1 / 3, 2 / 3))
     assert (shares["reflectance_1"], shares["reflectance_2"]) == pytest.approx((4 / 6, 5 / 6))
 
 
-def test_a_fit_alone_reaches_its_bound(sphere):
-    """Each pixel alone stays near its bound; neighbours help beyond it."""
-    alone, helped = compute.run(sphere, compute.BASE)
+def test_a_fit_alone_reaches_its_limit(sphere):
+    """Each pixel alone stays near its limit, nearest where the light is that of the model; neighbours help beyond it."""
+    own, alone, helped = compute.run(sphere, compute.BASE, own=True)
+    assert (own["preset"], alone["preset"]) == (compute.OWN, "fast")
     assert (alone["priors"], helped["priors"]) == (False, True)
     assert alone["angle_known"] > 0.9
-    assert 0.4 < alone["angle_ratio"] < 1.1 and 0.3 < alone["reflectance_ratio"] < 1.2
-    assert alone["angle_bound"] == helped["angle_bound"]
+    assert 0.8 < own["angle_typical"] < 1.2 and 0.8 < own["reflectance_typical"] < 1.3
+    assert 0.8 < alone["angle_ratio"] < 2 and 0.8 < alone["reflectance_ratio"] < 2
+    assert alone["angle_bound"] == helped["angle_bound"] > alone["angle_told"]
     assert helped["angle_ratio"] < alone["angle_ratio"]
+    assert "angle_1" in alone and "angle_1" not in own
 
 
 def test_settings_reach_the_recording(sphere):
@@ -92,13 +102,14 @@ def test_settings_reach_the_recording(sphere):
     assert len(noisy.events) > 0 and not np.array_equal(noisy.events.t[:100], quiet.events.t[:100])
 
 
-def test_bound_follows_noise_and_survives_none_of_it(sphere):
-    angle = {}
-    for noise in (0.0, 0.1):
-        setting = compute.Setting(noise=noise)
-        bound = compute.bound_of(sphere, setting, compute.record(sphere, setting))
-        angle[noise] = np.median(bound.normal_sigma_deg[sphere.truth.mask])
-    assert angle[0.1] == pytest.approx(0.1 / compute.LEAST_NOISE * angle[0.0], rel=0.01)
+def test_limit_follows_constant_light_and_sensor(sphere):
+    limits = {}
+    for setting in (compute.BASE, compute.Setting(constant_light=0.2), compute.EVK4):
+        limit = compute.limit(sphere, setting, compute.record(sphere, setting))
+        limits[setting] = np.median(limit.told.normal_sigma_deg[sphere.truth.mask])
+        assert ("tau" in limit.names) == setting.evk4 and "directions" not in limit.names
+    base, bright, evk4 = limits.values()
+    assert bright > 2 * base and evk4 < base
 
 
 def test_too_much_constant_light_leaves_nothing(sphere):
@@ -137,13 +148,14 @@ def test_best_constant_light_is_relative_to_the_leds():
 
 
 def test_median_over_scenes():
+    keys = "angle_ratio", "reflectance_ratio", "angle_typical", "reflectance_typical"
     rows = [
-        {"preset": "fast", "priors": priors, "angle_ratio": ratio, "reflectance_ratio": 2 * ratio}
+        {"sensor": "ideal", "preset": "fast", "priors": priors} | dict.fromkeys(keys, ratio)
         for priors, ratio in ((False, 1.0), (False, 5.0), (False, 2.0), (True, 0.5))
     ]
     alone, helped = summary.median_ratios(rows)
     assert (alone["priors"], alone["scenes"], alone["angle_ratio"]) == (False, 3, 2.0)
-    assert helped["reflectance_ratio"] == 1.0
+    assert helped["reflectance_typical"] == 0.5
 
 
 def almost(truth: Truth) -> Maps:
@@ -154,8 +166,6 @@ def almost(truth: Truth) -> Maps:
 
 def test_command_writes_figures_and_picture(sphere, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(experiment, "SCENES", ("sphere",))
-    monkeypatch.setattr(experiment, "PRESETS", ("balanced",))
-    monkeypatch.setattr(experiment, "CALIBRATED", ("sphere",))
     monkeypatch.setattr(compute, "render", lambda *_: sphere)
     cases = [(v, compute.Setting(constant_light=v)) for v in (0.05, 0.2, 100.0)]
     monkeypatch.setattr(compute, "SWEEPS", {"constant light": cases})
@@ -165,7 +175,7 @@ def test_command_writes_figures_and_picture(sphere, tmp_path, monkeypatch, capsy
     assert "sphere, constant light" in out and "Best constant light" in out
     result = json.loads((tmp_path / "out" / "limit.json").read_text())
     assert [row["value"] for row in result["sweeps"]] == [0.05, 0.05, 0.2, 0.2]
-    assert len(result["calibration"]) == 4 and result["median ratio"][0]["scenes"] == 1
+    assert len(result["base"]) == 1 + 4 + 2 and result["median ratio"][0]["scenes"] == 1
     angle = "{:.2f} · {:.2f} · {:.2f} · {:.2f} |"
     alone, helped = (row for row in result["sweeps"] if row["value"] == 0.2)
     cell = angle.format(alone["angle"], helped["angle"], alone["angle_bound"], alone["angle_ratio"])

@@ -7,8 +7,10 @@ import drjit as dr
 import numpy as np
 from scipy import ndimage
 
+from evsdr.events.lead import TABLE
 from evsdr.events.pair_kernel import sort_by_pixel
 from evsdr.events.phase import position
+from evsdr.events.photoreceptor import SHORTEST
 from evsdr.frozen import recorded
 from evsdr.model.arrays import columns, owned
 from evsdr.model.illumination import Illumination
@@ -16,6 +18,7 @@ from evsdr.model.lambert import LambertianRing
 from evsdr.records import Recording
 from evsdr.solve.levenberg import horizon
 from evsdr.solve.problem import Problem
+from evsdr.solve.shared.kernel import Terms, pixel_sums
 from evsdr.solve.shared.rig import Rig, across
 from evsdr.solve.solution import Solution
 from evsdr.solve.unknowns import to_normal
@@ -23,6 +26,7 @@ from evsdr.solve.unknowns import to_normal
 FEWEST_EVENTS = 20  # of a pixel that tells
 CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more may be wrong
 FEW = 1e-3  # of the events, that may come sooner: noise
+STEPS = (1e-5, 1e-4, 1e-5, 1e-6, 1e-6)  # of timing, for derivatives
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,48 @@ class Pixels:
             moved = length * (axes - np.outer(axes @ here, here))
             out[:, j] = (normal @ moved.T) / np.hypot(normal @ here, softness)[:, None]
         return out
+
+    def sums(
+        self,
+        theta: np.ndarray,
+        rig: Rig,
+        own_thresholds: bool,
+        tilted: bool,
+        terms: Terms,
+        weigh: np.ndarray,
+        some: np.ndarray | None = None,
+    ) -> tuple:
+        """Sum cost, gradient and information of each pixel, see `kernel.pixel_sums`.
+
+        Parameters
+        ----------
+        theta : (n_pixel, n) float
+            Maps, and where thresholds are unknown the logarithms of their factors.
+        rig : Rig
+        own_thresholds, tilted : bool
+            Whether thresholds of each pixel, and directions of LEDs, are among the unknowns.
+        terms, weigh, some
+            See `kernel.pixel_sums`.
+        """
+        light, n_map = self.light, 2 + self.light.n_band
+        gains, maps = theta[:, n_map:] if own_thresholds else rig.log_threshold, theta[:, :n_map]
+        values = np.tile([max(rig.tau, SHORTEST), rig.dark, rig.noise, rig.shift, rig.refractory], (6, 1))
+        values[1:] += np.diag(STEPS)
+        return pixel_sums(
+            self.events,
+            self.leds,
+            np.array(light.band),
+            float(light.constant_light[0]),
+            self.signals(maps, rig),
+            self.tilts(maps, rig) if tilted else np.zeros((len(theta), light.n_led, 0)),
+            self.threshold * np.exp(gains),
+            own_thresholds,
+            values,
+            terms,
+            TABLE,
+            weigh,
+            some,
+        )
 
 
 @recorded

@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from evsdr.events.lead import TABLE
-from evsdr.events.photoreceptor import SHORTEST
 from evsdr.solve.law import gaussian_share
 from evsdr.solve.noise import NOISE_RANGE
-from evsdr.solve.shared.kernel import ON, Terms, pixel_sums
+from evsdr.solve.shared.kernel import ON, Terms
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.rig import NOT_NEGATIVE, Basis, Rig, Told
 from evsdr.solve.threshold_spread import MEDIAN_OF_SQUARE, SMALLEST_SPREAD
@@ -28,7 +26,6 @@ from evsdr.solve.unknowns import (
 AGREES = 3.5  # standard deviations of a pixel's misfit from that of most, within which it is heard
 ROBUST = 3.0  # width of Cauchy's cost in standard deviations, as for maps where thresholds are unknown
 SLACK = 0.5  # log likelihood that a pixel may lose in a step
-STEPS = (1e-5, 1e-4, 1e-5, 1e-6, 1e-6)  # of timing, for derivatives
 
 
 @dataclass(frozen=True)
@@ -124,27 +121,11 @@ class Posterior:
 
     def at(self, theta: np.ndarray, free: np.ndarray, some: np.ndarray | None = None) -> Point:
         """Evaluate it, or only that of some pixels, (n,) int."""
-        pixels, rig, n_map = self.pixels, self.rig(free), self.n_map
-        light = pixels.light
-        gains = theta[:, n_map:] if self.own_thresholds else rig.log_threshold
-        values = np.tile([max(rig.tau, SHORTEST), rig.dark, rig.noise, rig.shift, rig.refractory], (6, 1))
-        values[1:] += np.diag(STEPS)
-        maps = theta[:, :n_map]
-        sums = pixel_sums(
-            pixels.events,
-            pixels.leds,
-            np.array(light.band),
-            float(light.constant_light[0]),
-            pixels.signals(maps, rig),
-            pixels.tilts(maps, rig) if self.tilted else np.zeros((len(theta), light.n_led, 0)),
-            pixels.threshold * np.exp(gains),
-            self.own_thresholds,
-            values,
-            Terms(pixels.crossfade, self.scatter, ROBUST, gaussian_share(ROBUST)),
-            TABLE,
-            self.weigh,
-            some,
+        rig, terms = (
+            self.rig(free),
+            Terms(self.pixels.crossfade, self.scatter, ROBUST, gaussian_share(ROBUST)),
         )
+        sums = self.pixels.sums(theta, rig, self.own_thresholds, self.tilted, terms, self.weigh, some)
         return self._with_priors(Point(theta, free, *sums), rig)
 
     def _with_priors(self, point: Point, rig: Rig) -> Point:
