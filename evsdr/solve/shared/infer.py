@@ -74,6 +74,10 @@ def infer(
         posterior, n_step = posterior.learnt(point), n_step + made
         if moved < SETTLED_DEG and round_:
             break
+    left = [name for name in TIMES if name not in names and getattr(told, name) == 0]
+    if left:
+        posterior = replace(posterior, stirred=(*names, *left))
+        point = posterior.at(point.theta, point.free)
     _, response, _, complement = posterior.solve(point)
     away, owner = point.free - posterior.centre, posterior.basis.owner
     turn = {
@@ -82,7 +86,6 @@ def infer(
     }
     covariance = posterior.basis.vectors @ np.linalg.inv(complement) @ posterior.basis.vectors.T
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
-    left = [name for name in TIMES if name not in names and getattr(told, name) == 0]
     return Inferred(
         posterior.rig(point.free),
         Rig.of(sigma, pixels.light.n_led),
@@ -108,6 +111,7 @@ def _posterior(pixels: Pixels, start: Start, told: Rig, tolerance: Told, names: 
         centre=centre,
         own_thresholds=start.theta.shape[1] > 2 + pixels.light.n_band,
         tilted="directions" in names,
+        stirred=tuple(names),
         scatter=start.scatter,
         spread=np.asarray(start.spread, float),
         weigh=np.zeros(pixels.n_event),
@@ -131,7 +135,6 @@ class Damping:
 
 def _descend(posterior: Posterior, point: Point, damping: Damping) -> tuple[Point, Damping, float, int]:
     """Make steps until they turn no normals; gives the last point, damping, its turn [deg], and the steps."""
-    moved = np.inf
     for made in range(1, N_STEP + 1):
         step, response, rest, _ = posterior.solve(point, damping.pixel, damping.shared)
         new = posterior.moved(point, step, response, rest)
@@ -140,10 +143,9 @@ def _descend(posterior: Posterior, point: Point, damping: Damping) -> tuple[Poin
             new = posterior.kept(point, new, worse)
         refused = posterior.risen(point, new) > RISEN
         damping = damping.after(worse, refused)
-        if refused:
-            continue
         moved = turn_deg(point.theta, response @ (new.free - point.free))
-        point = new
+        if not refused:
+            point = new
         if moved < SETTLED_DEG:
             break
     return point, damping, moved, made

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from evsdr.events.lead import kept, lead_of
+from evsdr.events.lead import POLES, kept, lead_of
 from evsdr.events.receptor import MOST_NODES, follow, late_at, light_at, phase_at, shown_at
 from evsdr.solve.law import GAUSS, SHARE, STUDENT
 from evsdr.solve.shared.rig import N_TIMING
@@ -25,6 +25,7 @@ from evsdr.threads import N_CHUNK, in_chunks
 SMALLEST_SLOPE = 0.02  # of v per slot: what is slower, or has the wrong sign, counts as nearly this
 FAR = 5.0  # standard deviations of a threshold within which silence says nothing
 TAU, DARK, NOISE, SHIFT, REFRACTORY, ON, OFF = range(7)  # columns after those of the LEDs
+EARLIER = 1e-6  # slots, for derivatives
 KINK = 0.01  # change of the rarity by a small step of timing that no smooth light makes
 LONG, TINY = -2.0, 1e-300  # below which the curvature is that of the tangent parabola about 0
 
@@ -82,6 +83,28 @@ def _add(matrix, gradient, row, slope, bend):
 
 
 @njit(cache=True, error_model="numpy")
+def _change_of_light(at, light, crossfade):
+    """Give dI/dt, per slot."""
+    slot = min(int(at), len(light) - 1)
+    if crossfade == 0 or at - slot < 1 - crossfade:
+        return 0.0
+    return (light[(slot + 1) % len(light)] - light[slot]) / crossfade
+
+
+@njit(cache=True, error_model="numpy")
+def _change_of_kept(own_time):
+    """Give the derivatives of `lead.kept`."""
+    slow, fast = math.exp(-own_time), math.exp(-POLES * own_time)
+    return POLES * (fast - slow) / (POLES - 1), (POLES * fast - slow) / (POLES - 1)
+
+
+@njit(cache=True, error_model="numpy")
+def _rarity(p, late, own):
+    """Give -log p dv/dt, of dv/dt = (log I - v) (I + dark) / tau."""
+    return -np.log(0.5 * (p * late + np.sqrt(late * late + (SMALLEST_SLOPE / own) ** 2)) * own)
+
+
+@njit(cache=True, error_model="numpy")
 def _look(at, light, nodes, values, crossfade):
     """Give how late a photoreceptor is, log I, and the rate of its own time."""
     late = late_at(at, light, values[TAU], values[DARK], crossfade, nodes)
@@ -125,9 +148,9 @@ def pixel_sums(
         C_on, C_off.
     own_thresholds : bool
         Whether the logarithms of these are the last unknowns of each pixel; else those of two factors are shared.
-    values : (6, 5) float64
-        tau (above 0), dark current, noise, shift and refractory period, times in slots; then each of these moved a
-        little, for derivatives.
+    values : (4, 5) float64
+        tau (above 0), dark current, noise, shift and refractory period, times in slots; then tau, dark current and noise
+        moved a little, for derivatives, or not, for none.
     terms : Terms
     lead : (2, n) float64
         `lead.TABLE`.
@@ -180,50 +203,67 @@ def _run(
     n_all = n + n_led + N_TIMING + n_led * tilts.shape[2]
     timing = n + n_led
     logs = n - 2 if own_thresholds else timing + ON  # first column of the thresholds
-    crossfade, n_set = terms.crossfade, len(values)
-    h = np.array([values[q + 1, q] - values[0, q] for q in range(n_set - 1)])
+    crossfade, told_noise = terms.crossfade, values[0, NOISE]
+    tau, shift, refractory, moved_by = (
+        values[0, TAU],
+        values[0, SHIFT],
+        values[0, REFRACTORY],
+        np.zeros(NOISE + 1),
+    )
+    for q in range(NOISE + 1):
+        moved_by[q] = values[q + 1, q] - values[0, q]
+    sets = np.append(np.flatnonzero(moved_by[:NOISE]) + 1, 0)  # another tau, another dark current, as told
     row, light = np.zeros(n_all), np.zeros(n_slot)
     nodes, shown = np.zeros((3, n_slot, MOST_NODES + 2)), np.zeros((3, n_slot))
-    met, reference, rarity, noise = np.zeros(n_set), np.zeros(n_set), np.zeros(n_set), np.zeros((n_set, 2))
+    met, reference, rarity, noise = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros((4, 2))
     for i in some[chunk::N_CHUNK]:
         table, tilt, slopes, matrix = signals[i], tilts[i], gradient[i], information[i]
         for k in range(n_slot):
             light[k] = veil + (table[0, leds[k]] if leds[k] < n_led else 0.0)
-        for q in range(3):  # as told, with another tau, with another dark current
+        for q in sets:
             follow(light, values[q, TAU], values[q, DARK], crossfade, nodes[q])
             shown[q] = np.log(light) - nodes[q, :, 0]
         noise[:], spread = 0.0, 1.0
         for k in range(offset[i], offset[i + 1] + 1):
             last = k == offset[i + 1]
             length = ending[i] if last else gap[k]
-            told = k > offset[i] and length >= values[0, REFRACTORY] and (last or inside[k])
+            told = k > offset[i] and length >= refractory and (last or inside[k])
             p = 0.0 if last else float(polarity[k])
             before = float(polarity[k - 1]) if k > offset[i] else 0.0
-            start, late_0, left = 0.0, 0.0, 0.0
+            start, late_0, left, by_shift, by_refractory = 0.0, 0.0, 0.0, 0.0, 0.0
             if told:
-                for q in range(n_set):
-                    lagging = q if q < 3 else 0
-                    start = (at[k - 1] - values[q, SHIFT] + values[q, REFRACTORY]) % n_slot
-                    late, log_now, own = _look(start, light, nodes[lagging], values[q], crossfade)
-                    level, velocity = kept(values[q, REFRACTORY] * own)
-                    added = level * noise[q, 0] + velocity * noise[q, 1]
-                    reference[q] = log_now - late + before * values[q, NOISE] * added
-                    if q == 0:
-                        late_0, left = late, values[0, NOISE] ** 2 * (1 - level**2 * (1 - spread))
-                start = (at[k - 1] - values[0, SHIFT] + values[0, REFRACTORY]) % n_slot
+                start = (at[k - 1] - shift + refractory) % n_slot
+                level, velocity = 0.0, 0.0
+                for q in sets:
+                    late_0, log_now, own = _look(start, light, nodes[q], values[q], crossfade)
+                    level, velocity = kept(refractory * own)
+                    added = before * told_noise * (level * noise[q, 0] + velocity * noise[q, 1])
+                    reference[q] = log_now - late_0 + added
+                left = told_noise**2 * (1 - level**2 * (1 - spread))
+                added = before * values[3, NOISE] * (level * noise[3, 0] + velocity * noise[3, 1])
+                reference[3] = log_now - late_0 + added
+                by_level, by_velocity = _change_of_kept(refractory * own)
+                fading = before * told_noise * (by_level * noise[0, 0] + by_velocity * noise[0, 1])
+                by_shift = (
+                    -late_0 * own - fading * refractory * _change_of_light(start, light, crossfade) / tau
+                )
+                by_refractory = fading * own - by_shift
             late, log_now, own, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 1.0
             if not last:
-                for q in range(n_set - 1, -1, -1):
-                    fired = (at[k] - values[q, SHIFT]) % n_slot
-                    lagging = q if q < 3 else 0
-                    late, log_now, own = _look(fired, light, nodes[lagging], values[q], crossfade)
-                    if values[q, NOISE] > 0:
+                fired = (at[k] - shift) % n_slot
+                for q in sets:
+                    late, log_now, own = _look(fired, light, nodes[q], values[q], crossfade)
+                    if told_noise > 0:
                         noise[q, 0], spread_now, noise[q, 1] = lead_of(
-                            lead, values[q, NOISE], late, own, fired, nodes[lagging], crossfade
+                            lead, told_noise, late, own, fired, nodes[q], crossfade
                         )
-                    met[q] = log_now - late + p * values[q, NOISE] * noise[q, 0]
-                    root = np.sqrt(late * late + (SMALLEST_SLOPE / own) ** 2)
-                    rarity[q] = -np.log(0.5 * (p * late + root) * own)  # dv/dt = (log I - v) (I + dark) / tau
+                    met[q] = log_now - late + p * told_noise * noise[q, 0]
+                    rarity[q] = _rarity(p, late, own)
+                if moved_by[NOISE] != 0:
+                    noise[3, 0], _, noise[3, 1] = lead_of(
+                        lead, values[3, NOISE], late, own, fired, nodes[0], crossfade
+                    )
+                    met[3] = log_now - late + p * values[3, NOISE] * noise[3, 0]
             spread = spread_now
             if not told:
                 continue
@@ -232,15 +272,20 @@ def _run(
                 side = 0 if p > 0 else 1
                 threshold = thresholds[i, side]
                 u = p * (met[0] - reference[0]) / threshold - 1
-                residual[k], variance[k] = u, (values[0, NOISE] ** 2 * spread + left) / threshold**2
+                residual[k], variance[k] = u, (told_noise**2 * spread + left) / threshold**2
                 scale = np.sqrt(terms.scatter**2 + weigh[k])
                 factor = p / threshold / scale
                 row[:] = 0
                 slot, fade = shown_at(fired, late, light, crossfade)
                 _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
                 _add_light(row, -factor * (1 + late_0), slot_0, fade_0, leds, table, tilt, veil, band, n)
-                for q in range(n_set - 1):
-                    row[timing + q] = factor * (met[q + 1] - met[0] - reference[q + 1] + reference[0]) / h[q]
+                for q in range(NOISE + 1):
+                    if moved_by[q] != 0:
+                        row[timing + q] = (
+                            factor * (met[q + 1] - met[0] - reference[q + 1] + reference[0]) / moved_by[q]
+                        )
+                row[timing + SHIFT] = -factor * (late * own + by_shift)
+                row[timing + REFRACTORY] = -factor * by_refractory
                 row[logs + side] = -(u + 1) / scale
                 excess = (u / scale / terms.robust) ** 2
                 weight, share = 1 / (1 + excess), terms.slope_term
@@ -248,18 +293,24 @@ def _run(
                 cost[i] += share * (rarity[0] + np.log(threshold))
                 _add(matrix, slopes, row, weight * u / scale, weight)
                 row[:] = 0
-                for q in range(n_set - 1):
+                for q in range(DARK + 1):
                     more = rarity[q + 1] - rarity[0]
-                    row[timing + q] = more / h[q] if abs(more) < KINK else 0.0
+                    row[timing + q] = more / moved_by[q] if moved_by[q] != 0 and abs(more) < KINK else 0.0
                 factor = p / np.sqrt(late * late + (SMALLEST_SLOPE / own) ** 2)
+                earlier = (
+                    fired - EARLIER
+                ) % n_slot  # by differences: v' = late own is too near to log I' for its change
+                late_then, _, own_then = _look(earlier, light, nodes[0], values[0], crossfade)
+                more = _rarity(p, late_then, own_then) - rarity[0]
+                row[timing + SHIFT] = more / EARLIER if abs(more) < KINK else 0.0
                 _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
                 slot, fade = phase_at(fired, crossfade, n_slot)
-                lit = 1 - values[0, DARK] / (own * values[0, TAU])  # I / (I + dark)
+                lit = 1 - values[0, DARK] / (own * tau)  # I / (I + dark)
                 _add_light(row, -factor * (1 + late * lit), slot, fade, leds, table, tilt, veil, band, n)
                 row[logs + side] = 1.0
                 _add(matrix, slopes, row, share, share)
             # thresholds that were not met: v is extreme where slots start
-            n_probe = int(start + min(length - values[0, REFRACTORY], float(n_slot))) - int(start)
+            n_probe = int(start + min(length - refractory, float(n_slot))) - int(start)
             for side in range(2):
                 sign = 1.0 - 2.0 * side
                 if p == sign:
@@ -283,9 +334,12 @@ def _run(
                 slot, fade = shown_at(float(where), late, light, crossfade)
                 _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
                 _add_light(row, -factor * (1 + late_0), slot_0, fade_0, leds, table, tilt, veil, band, n)
-                for q in range(n_set - 1):
-                    moved = shown[q + 1 if q < 2 else 0, where] - shown[0, where]
-                    row[timing + q] = factor * (moved - reference[q + 1] + reference[0]) / h[q]
+                for q in range(NOISE + 1):
+                    moved = shown[q + 1, where] - shown[0, where] if q < NOISE else 0.0
+                    if moved_by[q] != 0:
+                        row[timing + q] = factor * (moved - reference[q + 1] + reference[0]) / moved_by[q]
+                row[timing + SHIFT] = -factor * by_shift
+                row[timing + REFRACTORY] = -factor * by_refractory
                 row[logs + side] = far / (threshold * scale)
                 _add(matrix, slopes, row, slope, bend)
         for a in range(n_all):

@@ -26,7 +26,7 @@ from evsdr.solve.unknowns import to_normal
 FEWEST_EVENTS = 20  # of a pixel that tells
 CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more may be wrong
 FEW = 1e-3  # of the events, that may come sooner: noise
-STEPS = (1e-5, 1e-4, 1e-5, 1e-6, 1e-6)  # of timing, for derivatives
+STEPS = {"tau": 1e-5, "dark": 1e-4, "noise": 1e-5}  # for derivatives
 
 
 @dataclass(frozen=True)
@@ -90,10 +90,10 @@ class Pixels:
         out = np.zeros((len(theta), self.light.n_led, 2))
         for j, (told, now) in enumerate(zip(self.light.direction, turned(self.light, rig.tilt).direction)):
             here, axes = vector_of(now), across(vector_of(told))
-            length = 1 / np.sqrt(
+            longer = np.sqrt(
                 1 + rig.tilt[j] @ rig.tilt[j]
-            )  # of told + tilt . axes, to which `here` is shortened
-            moved = length * (axes - np.outer(axes @ here, here))
+            )  # told + tilt . axes, before it is made a unit vector
+            moved = (axes - np.outer(axes @ here, here)) / longer
             out[:, j] = (normal @ moved.T) / np.hypot(normal @ here, softness)[:, None]
         return out
 
@@ -106,6 +106,7 @@ class Pixels:
         terms: Terms,
         weigh: np.ndarray,
         some: np.ndarray | None = None,
+        stirred: tuple[str, ...] = tuple(STEPS),
     ) -> tuple:
         """Sum cost, gradient and information of each pixel, see `kernel.pixel_sums`.
 
@@ -118,11 +119,13 @@ class Pixels:
             Whether thresholds of each pixel, and directions of LEDs, are among the unknowns.
         terms, weigh, some
             See `kernel.pixel_sums`.
+        stirred : tuple of str
+            Of `STEPS`: those by which derivatives are wanted.
         """
         light, n_map = self.light, 2 + self.light.n_band
         gains, maps = theta[:, n_map:] if own_thresholds else rig.log_threshold, theta[:, :n_map]
-        values = np.tile([max(rig.tau, SHORTEST), rig.dark, rig.noise, rig.shift, rig.refractory], (6, 1))
-        values[1:] += np.diag(STEPS)
+        values = np.tile([max(rig.tau, SHORTEST), rig.dark, rig.noise, rig.shift, rig.refractory], (4, 1))
+        values[1:, : len(STEPS)] += np.diag([h if name in stirred else 0.0 for name, h in STEPS.items()])
         return pixel_sums(
             self.events,
             self.leds,

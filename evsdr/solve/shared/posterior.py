@@ -26,6 +26,7 @@ from evsdr.solve.unknowns import (
 AGREES = 3.5  # standard deviations of a pixel's misfit from that of most, within which it is heard
 ROBUST = 3.0  # width of Cauchy's cost in standard deviations, as for maps where thresholds are unknown
 SLACK = 0.5  # log likelihood that a pixel may lose in a step
+SLOPE_TERM = gaussian_share(ROBUST)
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,8 @@ class Posterior:
         What is told, across the basis and along it.
     own_thresholds, tilted : bool
         Whether thresholds of each pixel, and directions of LEDs, are unknown.
+    stirred : tuple of str
+        Of `pixels.STEPS`: those by which derivatives are wanted.
     scatter, spread
         See `Start`.
     weigh : (n_event,) float
@@ -101,6 +104,7 @@ class Posterior:
     centre: np.ndarray
     own_thresholds: bool
     tilted: bool
+    stirred: tuple[str, ...]
     scatter: float
     spread: np.ndarray
     weigh: np.ndarray
@@ -121,11 +125,9 @@ class Posterior:
 
     def at(self, theta: np.ndarray, free: np.ndarray, some: np.ndarray | None = None) -> Point:
         """Evaluate it, or only that of some pixels, (n,) int."""
-        rig, terms = (
-            self.rig(free),
-            Terms(self.pixels.crossfade, self.scatter, ROBUST, gaussian_share(ROBUST)),
-        )
-        sums = self.pixels.sums(theta, rig, self.own_thresholds, self.tilted, terms, self.weigh, some)
+        rig, terms = self.rig(free), Terms(self.pixels.crossfade, self.scatter, ROBUST, SLOPE_TERM)
+        given = self.own_thresholds, self.tilted, terms, self.weigh, some, self.stirred
+        sums = self.pixels.sums(theta, rig, *given)
         return self._with_priors(Point(theta, free, *sums), rig)
 
     def _with_priors(self, point: Point, rig: Rig) -> Point:
@@ -170,9 +172,9 @@ class Posterior:
         response, rest = -solved[:, :, :-1], -solved[:, :, -1]
         heard = self.heard
         complement = vectors.T @ point.matrix[heard, n:, n:].sum(axis=0) @ vectors + np.diag(self.sigma**-2)
-        complement += np.einsum("nij,nik->jk", cross[heard], response[heard], optimize=True)
+        complement += _stacked(cross[heard]).T @ _stacked(response[heard])
         slope = point.gradient[heard, n:].sum(axis=0) @ vectors + (point.free - self.centre) / self.sigma**2
-        slope += np.einsum("nij,ni->j", cross[heard], rest[heard])
+        slope += _stacked(cross[heard]).T @ rest[heard].ravel()
         stiff = complement + stiffness * np.diag(np.diag(complement))
         return -np.linalg.solve(stiff, slope), response, rest, complement
 
@@ -241,3 +243,8 @@ class Posterior:
         away = total / np.sqrt(np.maximum(n, 1))
         away -= np.median(away)
         return away**2 <= AGREES**2 * np.median(away**2) / MEDIAN_OF_SQUARE
+
+
+def _stacked(of_pixels: np.ndarray) -> np.ndarray:
+    """Set the matrices of pixels one below the other."""
+    return of_pixels.reshape(-1, of_pixels.shape[2])

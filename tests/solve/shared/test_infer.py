@@ -34,7 +34,7 @@ def test_all_at_once_is_found(wrong):
     assert np.sqrt(np.mean(off**2)) < 0.005 < 0.05 < np.std(WRONG["log_power"])
     assert np.abs(off / found.sigma.log_power).max() < 4.5
     assert found.rig.shift * slot_us == pytest.approx(50, abs=20)
-    assert found.rig.refractory * slot_us == pytest.approx(52, abs=12)
+    assert found.rig.refractory * slot_us == pytest.approx(52, abs=15)
     assert np.exp(found.rig.log_threshold) == pytest.approx(1 / 1.15, rel=0.015)
     assert found.rig.tau * slot_us == pytest.approx(53.05, rel=0.06) and found.rig.noise < 0.003
     assert found.scatter == pytest.approx(0.02, rel=0.15)
