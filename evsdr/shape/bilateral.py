@@ -17,10 +17,13 @@ import numpy as np
 from evsdr.model.view import CameraGeometry
 from evsdr.shape.laplacian import ends
 
-SHARPNESS = 3.0  # k of the sigmoid, per pixel squared: measured; 2 by Cao et al. 2022, section 5
+SHARPNESS = 4.0  # k of the sigmoid, per pixel squared: measured; 2 by Cao et al. 2022, section 5
 STEEPNESS = 3  # power of the reach: 2 weighs distances alike, 4 angles, as noise of normals is; measured
 EVENLY = 4  # power of how evenly both sides count, with which the chord takes the place of planes; measured
-SIGMA_EVEN_DEG = 10.0  # normals known better than that count alike, worse ones less
+CREASE_DEG = (
+    20.0  # between two normals, from which the grid may not resolve what bends between them; measured
+)
+SIGMA_EVEN_DEG = 5.0  # normals known better than that count alike, worse ones less; measured
 LEAST_COSINE = 0.05  # normals are tilted at most 87 degrees from the line of sight
 LEAST_FACING = 0.01  # of a plane and the line of sight to a neighbour
 LEAST_WEIGHT = 1e-6  # of a side that is not believed
@@ -43,6 +46,8 @@ class Pairs:
         Distance from the tangent plane of either pixel per unit of the difference [pixels].
     chord_reach
         The same from the plane of both.
+    smooth
+        Whether the surface bends no more between them than the grid resolves, 1 to 0.
     trust : (first, second)
         In the normal of either pixel, 0 to 1.
     """
@@ -52,6 +57,7 @@ class Pairs:
     chord: np.ndarray
     reach: tuple[np.ndarray, np.ndarray]
     chord_reach: np.ndarray
+    smooth: np.ndarray
     trust: tuple[np.ndarray, np.ndarray]
 
 
@@ -74,7 +80,9 @@ def make_pairs(
     half /= np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-9)
     (first, reach_first), (second, reach_second), (chord, reach) = (told(n) for n in (*side, half))
     joined = np.logical_and(*ends(mask, axis))
-    return Pairs(joined, (first, second), chord, (reach_first[0], reach_second[1]), reach[0], trust)
+    angle = np.degrees(np.arccos(np.clip(_dot(*side), -1, 1)))
+    smooth = np.exp(-((angle / CREASE_DEG) ** 2))
+    return Pairs(joined, (first, second), chord, (reach_first[0], reach_second[1]), reach[0], smooth, trust)
 
 
 def lines_of_sight(camera: CameraGeometry, shape: tuple[int, int]) -> np.ndarray:
@@ -100,11 +108,14 @@ def even_sides(pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
 
 
 def believed_sides(pairs: Pairs, value: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Give the weights of a pair's two planes: each pixel believes the side that reaches less far."""
+    """Give the weights of a pair's two planes: each pixel believes the side that reaches less far.
+
+    A pixel whose normal is not trusted believes both.
+    """
     behind, ahead = np.zeros(value.shape), np.zeros(value.shape)
     difference = np.where(pairs.joined, np.diff(value, axis=axis), 0)
-    ends(ahead, axis)[0][...] = (pairs.reach[0] * difference) ** 2
-    ends(behind, axis)[1][...] = (pairs.reach[1] * difference) ** 2
+    ends(ahead, axis)[0][...] = pairs.trust[0] * (pairs.reach[0] * difference) ** 2
+    ends(behind, axis)[1][...] = pairs.trust[1] * (pairs.reach[1] * difference) ** 2
     weight = 1 / (1 + np.exp(np.clip(SHARPNESS * (ahead - behind), -50, 50)))
     return ends(weight, axis)[0], ends(1 - weight, axis)[1]
 
@@ -112,14 +123,15 @@ def believed_sides(pairs: Pairs, value: np.ndarray, axis: int) -> tuple[np.ndarr
 def least_squares(pairs: Pairs, sides: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Give weight and difference of each pair.
 
-    Where both sides are believed alike the chord rule stands for both planes, as it is better on smooth surfaces.
+    Where both sides are believed alike, or hardly differ, the chord rule stands for both planes: a plane alone is
+    of first order only.
     """
     first, second = (
         np.maximum(s * t, LEAST_WEIGHT) * r**STEEPNESS for s, t, r in zip(sides, pairs.trust, pairs.reach)
     )
     plane = (first * pairs.plane[0] + second * pairs.plane[1]) / (first + second)
-    evenly = np.minimum(4 * sides[0] * sides[1], 1) ** EVENLY
-    return np.where(pairs.joined, first + second, 0), plane + evenly * (pairs.chord - plane)
+    both = np.maximum(np.minimum(4 * sides[0] * sides[1], 1) ** EVENLY, pairs.smooth)
+    return np.where(pairs.joined, first + second, 0), plane + both * (pairs.chord - plane)
 
 
 def tied(pairs: Pairs, value: np.ndarray, axis: int) -> np.ndarray:

@@ -1,10 +1,13 @@
 """Pairs of neighbours: what planes and spheres tell of them, and whom a pixel believes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from evsdr.model.view import CameraGeometry
 from evsdr.shape.bilateral import (
+    CREASE_DEG,
     LEAST_WEIGHT,
     SHARPNESS,
     SIGMA_EVEN_DEG,
@@ -63,6 +66,15 @@ def test_a_sphere_tells_its_depth_by_chords():
     assert np.abs(pairs.plane[0] + np.diff(height, axis=1)).max() > 1e-3
 
 
+def test_creases_are_not_smooth():
+    """Normals that differ by 20 degrees count 1 / e."""
+    normal = np.broadcast_to([0.0, 0, 1], (*SHAPE, 3)).copy()
+    normal[2, 2] = [np.sin(np.radians(CREASE_DEG)), 0, np.cos(np.radians(CREASE_DEG))]
+    smooth = make_pairs(normal, np.ones(SHAPE, bool), np.ones(SHAPE), CAMERAS[0], 0).smooth
+    np.testing.assert_allclose(smooth[1:3, 2], np.exp(-1))
+    assert (np.delete(smooth, 2, axis=1) == 1).all()
+
+
 def test_who_is_not_known_is_not_trusted():
     camera, mask = CAMERAS[0], np.ones(SHAPE, bool)
     mask[0, 0] = False
@@ -79,7 +91,7 @@ def test_who_is_not_known_is_not_trusted():
 def make(difference, value_shape=(1, 4)):
     shape = value_shape[0], value_shape[1] - 1
     one = np.ones(shape)
-    return Pairs(one > 0, (difference, difference), difference, (one, one), one, (one, one))
+    return Pairs(one > 0, (difference, difference), difference, (one, one), one, 0 * one, (one, one))
 
 
 def test_each_pixel_believes_the_side_that_reaches_less_far():
@@ -93,16 +105,26 @@ def test_each_pixel_believes_the_side_that_reaches_less_far():
     assert first[0, 1] < 1e-9 and second[0, 1] < 1e-9 and first[0, 2] > 0.99
 
 
+def test_who_is_not_trusted_takes_no_side():
+    """The second pixel of four."""
+    value, pairs = np.array([[0.0, 0.5, 3.5, 3.7]]), make(np.zeros((1, 3)))
+    pairs = replace(pairs, trust=(np.array([[1.0, 0, 1]]), np.array([[0.0, 1, 1]])))
+    first, second = believed_sides(pairs, value, 1)
+    assert first[0, 1] == second[0, 0] == 0.5 and second[0, 1] < 1e-9
+
+
 def test_where_both_sides_count_alike_the_chord_does(rng):
-    """Else the believed plane."""
+    """And where the surface is smooth; else the believed plane."""
     one = np.ones((1, 3))
     planes = rng.normal(size=(1, 3)), rng.normal(size=(1, 3))
-    pairs = Pairs(one > 0, planes, rng.normal(size=(1, 3)), (2 * one, one), one, (one, 0.5 * one))
+    pairs = Pairs(one > 0, planes, rng.normal(size=(1, 3)), (2 * one, one), one, 0 * one, (one, 0.5 * one))
     weight, difference = least_squares(pairs, even_sides(pairs))
     np.testing.assert_allclose(difference, pairs.chord)
     np.testing.assert_allclose(weight, 0.5 * 2.0**STEEPNESS + 0.25)
     weight, difference = least_squares(pairs, (one, 0 * one))
     np.testing.assert_allclose(difference, planes[0], atol=1e-5)
+    _, difference = least_squares(replace(pairs, smooth=0.7 * one), (one, 0 * one))
+    np.testing.assert_allclose(difference, 0.3 * planes[0] + 0.7 * pairs.chord, atol=1e-5)
     weight, _ = least_squares(pairs, (0 * one, 0 * one))
     np.testing.assert_allclose(weight, LEAST_WEIGHT * (2.0**STEEPNESS + 1))
 
