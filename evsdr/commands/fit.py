@@ -41,7 +41,8 @@ class Options(Settings, Files):
     of few kinds. Edges stay, and the data decide how strong each is."""
     shared: str = ",".join(SHARED)
     """What all pixels share and is unknown, with what is told as a prior, or none: powers of LEDs against the others of
-    their band, lag and noise of photoreceptors, shift of all times, refractory period, thresholds, directions of LEDs."""
+    their band, lag and noise of photoreceptors, shift of all times, refractory period, a leak, thresholds, directions of
+    LEDs."""
     tuning: tyro.conf.Suppress[Tuning] = Tuning()
     mask: Path | None = None
     """Image (PNG or .npy) whose non-zero pixels are solved."""

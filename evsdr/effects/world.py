@@ -120,6 +120,8 @@ class World:
         What photoreceptors do.
     found : SharedFound, optional
         What pixels were found to share from an earlier fit, to start from.
+    leak : float
+        Rise of what the comparators see since the reference was memorised [log I per us].
     aim : Aim, optional
         What LEDs do otherwise than told.
     gloss : Gloss, optional
@@ -142,6 +144,7 @@ class World:
     rays: int = TRIAL_RAYS
     thresholds: bool = False
     lag: Lag | None = None
+    leak: float = 0.0
     found: SharedFound | None = None
     aim: Aim | None = None
     gloss: Gloss | None = None
@@ -223,11 +226,11 @@ class World:
             if fitted:
                 receptors = photoreceptors(self.recording, fitted.problem, fitted.solution, self.lag)
             try:
-                return pair_events(self.recording, self.mask, receptors)
+                return pair_events(self.recording, self.mask, receptors, self.leak)
             except InputError as error:
                 raise InputError(f"{self.recording.source}: {error}") from error
 
-        return self.memo("late pairs" if fitted else "pairs", (self.recording, fitted), work)
+        return self.memo("late pairs" if fitted else "pairs", (self.recording, fitted, self.leak), work)
 
     def problem(self, fitted: Fitted | None = None, rays: int | None = None) -> Problem:
         """Give the problem to solve; what depends on the maps follows those of a fit, if there is one."""

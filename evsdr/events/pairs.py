@@ -29,7 +29,7 @@ class Pairs:
     polarity : (n_pair,) int8
         +1 (brighter) or -1 of the event that ends the pair.
     bias : (n_pair,) float32
-        What noise of photoreceptors adds to the change of log I: they fire early by it.
+        What noise of photoreceptors, and a leak, add to the change of log I: events fire early by it.
     n_event : int
         Events looked at.
     n_dropped : int
@@ -65,12 +65,15 @@ class Pairs:
 
 
 def pair_events(
-    recording: Recording, mask: np.ndarray | None = None, receptors: Photoreceptors | None = None
+    recording: Recording,
+    mask: np.ndarray | None = None,
+    receptors: Photoreceptors | None = None,
+    leak: float = 0.0,
 ) -> Pairs:
     """Pair each event with the one before it in its pixel.
 
     Two events at t_(k-1) and t_k say log I(t_k) - log I(t_(k-1) + refractory) = p_k C, so a pair starts at
-    t_(k-1) + refractory and ends at t_k.
+    t_(k-1) + refractory and ends at t_k. A leak adds leak (t_k - t_(k-1) - refractory) to that.
 
     Parameters
     ----------
@@ -80,6 +83,8 @@ def pair_events(
         Pixels whose events count; all by default.
     receptors : Photoreceptors, optional
         What pixels show; by default log I itself. Phases are those at which the light was what they show.
+    leak : float
+        Rise of what the comparators see since the reference was memorised [log I per us].
 
     Raises
     ------
@@ -102,18 +107,19 @@ def pair_events(
         shown = receptors.shown(offset, _positions(t, recording), 2.0 * p - 1)
         fired, memorised, ahead, left = shown.fired, shown.memorised, shown.ahead, shown.left
     refractory_us = float(sensor.refractory_us)
-    told = fired, fired_inside, memorised, memorised_inside, refractory_us, ahead, left
-    pair_offset, start, end, polarity, bias, n_dropped, n_close = pair(offset, p, t, *told)
-    _check_pairs(len(end), n_dropped, n_close, sensor.refractory_us)
     schedule, rounds = recording.schedule, recording.round_start_us
     last_us = rounds[-1] - 1e-3 if len(rounds) > 1 else float(t.max())
+    risen = _risen(offset, t, last_us, recording, leak)
+    told = fired, fired_inside, memorised, memorised_inside, refractory_us, ahead, left - risen[0]
+    pair_offset, start, end, polarity, bias, n_dropped, n_close = pair(offset, p, t, *told)
+    _check_pairs(len(end), n_dropped, n_close, sensor.refractory_us)
     last_phase, last_inside = (value[0] for value in _single_phase(np.array([last_us]), recording))
     silences = list_silences(
         offset,
         p,
         t,
         *phases,
-        (fired, memorised, left),
+        (fired, memorised, left - risen[1]),
         refractory_us,
         float(schedule.slot_us),
         len(schedule.order),
@@ -140,6 +146,21 @@ def pair_events(
         probe_offset=probe_offset,
         silent_probe=silent_probe,
     )
+
+
+def _risen(
+    offset: np.ndarray, t: np.ndarray, last_us: float, recording: Recording, leak: float
+) -> np.ndarray:
+    """Give what a leak adds from each event to the next of its pixel or the end, and in the silence between (2, n_event).
+
+    A slot that starts in a silence does so halfway on average; of one longer than a round only a round is probed.
+    """
+    following = np.append(t[1:], last_us).astype(float)
+    following[offset[1:][offset[1:] > offset[:-1]] - 1] = last_us
+    since = np.maximum(following - t - recording.sensor.refractory_us, 0)
+    schedule = recording.schedule
+    round_us = schedule.slot_us * len(schedule.order)
+    return np.array([leak * since, 0.5 * leak * np.minimum(since, round_us)], np.float32)
 
 
 def _check_pairs(n_pair: int, n_dropped: int, n_close: int, refractory_us: float) -> None:

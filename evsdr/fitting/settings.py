@@ -39,7 +39,8 @@ class Settings:
     """Lag of the photoreceptors in dim light: estimated if the events show one, or left out."""
     shared: tuple[str, ...] = SHARED
     """What all pixels share and is unknown, with what is told as a prior: powers of LEDs against the others of their
-    band, lag and noise of photoreceptors, shift of all times, refractory period, thresholds, directions of LEDs."""
+    band, lag and noise of photoreceptors, shift of all times, refractory period, a leak, thresholds, directions of
+    LEDs."""
     leds_told_to: float = 0.0
     """How well the scene tells the directions of far LEDs: one standard deviation [deg]; 0 takes them as told."""
     priors: tuple[str, ...] = PRIORS

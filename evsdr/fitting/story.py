@@ -12,6 +12,7 @@ from evsdr.effects.gloss import GlossyLobes
 from evsdr.effects.hot_pixels import HotPixels
 from evsdr.effects.indirect import IndirectLight
 from evsdr.effects.lag import PhotoreceptorLag
+from evsdr.effects.leak import Leak
 from evsdr.effects.leds import LedDirections, LedPowers
 from evsdr.effects.near_leds import DepthOfNearLeds, NearLeds
 from evsdr.effects.rays import Rays, RaysOnFit
@@ -46,6 +47,7 @@ EFFECTS = (
     LedDirections(),
     TimeShift(),
     Refractory(),
+    Leak(),
     ThresholdScale(),
     PhotoreceptorLag(),
     ShadowsOnFit(),

@@ -66,7 +66,15 @@ class Plan:
         times = tau, 0.0, 0.0, 0.0, pixel.refractory_us
         tau, dark, _, shift, refractory = (t / self.schedule.slot_us for t in times)
         return Rig(
-            np.zeros(n_led), tau, dark, float(noise), shift, refractory, np.zeros(2), np.zeros((n_led, 2))
+            np.zeros(n_led),
+            tau,
+            dark,
+            float(noise),
+            shift,
+            refractory,
+            0.0,
+            np.zeros(2),
+            np.zeros((n_led, 2)),
         )
 
     @property

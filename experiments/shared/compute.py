@@ -34,7 +34,7 @@ from evsdr.solve.shared.rig import across
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 DEFAULT = Settings(gloss="off")  # a lobe found by chance would cost most of the time
 NONE = replace(DEFAULT, shared=())
-TOLD = replace(DEFAULT, shared=("lag",))  # no file tells a lag: inferred alone is the closest
+TOLD = replace(DEFAULT, shared=("lag", "leak"))  # no file tells these: inferred alone is the closest
 LEVELS = np.arange(1, 4)[:, None]  # standard deviations
 NAMES = ("tau", "noise", "shift", "refractory", "C_on", "C_off", "powers", "directions")
 

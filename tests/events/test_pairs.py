@@ -179,3 +179,14 @@ def test_a_silence_of_many_rounds_is_probed_for_one():
 def test_silence_outside_the_rounds_says_nothing():
     pairs = pair_events(one_pixel([1, 1, 0, 1], [50, 350, 380, 900], rounds=[200, 600]))
     np.testing.assert_array_equal(pairs.silent_start, [])
+
+
+def test_a_leak_adds_to_the_change_since_the_reference_was_memorised():
+    """By hand, of 1e-3 a us: from 60 to 330; from there half of the rest, and half a round of a longer one."""
+    given = one_pixel([1, 0], [50, 330], rounds=[0, 400, 800])
+    pairs, without = pair_events(given, leak=1e-3), pair_events(given)
+    assert pairs.bias == pytest.approx([0.27]) and without.bias.tolist() == [0]
+    np.testing.assert_allclose(pairs.silent_bias, [0.135, 0.5 * 0.001 * 400], rtol=1e-5)
+    assert not without.silent_bias.any()
+    long = pair_events(one_pixel([1, 0], [50, 3330], rounds=[400 * r for r in range(11)]), leak=1e-3)
+    assert long.bias == pytest.approx([3.27]) and long.silent_bias[0] == pytest.approx(0.2)

@@ -14,7 +14,7 @@ from evsdr.solve import trial
 FAST = evsdr.Settings(preset="fast")
 ALL = {"LEDs", "cast shadows", "rays per pixel", "hot pixels", "contrast thresholds", "refractory period"}
 ALL |= {"wiring", "photoreceptor lag", "light paths", "gloss"}
-ALL |= {"LED powers", "LED directions", "shift of all times"}
+ALL |= {"LED powers", "LED directions", "shift of all times", "leak"}
 
 
 class LateTriggers:
@@ -82,10 +82,10 @@ def test_one_limit_for_all(tmp_path, limit_deg, modelled):
 @pytest.mark.parametrize(
     ("settings", "names"),
     [
-        ({}, {"powers", "lag", "shift", "refractory", "thresholds"}),
-        ({"leds_told_to": 0.5}, {"powers", "lag", "shift", "refractory", "thresholds", "directions"}),
-        ({"lag": "off", "refractory": "known"}, {"powers", "shift", "thresholds"}),
-        ({"thresholds": "known"}, {"powers", "lag", "shift", "refractory"}),
+        ({}, {"powers", "lag", "shift", "refractory", "leak", "thresholds"}),
+        ({"leds_told_to": 0.5}, {"powers", "lag", "shift", "refractory", "leak", "thresholds", "directions"}),
+        ({"lag": "off", "refractory": "known"}, {"powers", "shift", "leak", "thresholds"}),
+        ({"thresholds": "known"}, {"powers", "lag", "shift", "refractory", "leak"}),
         ({"shared": ("shift", "lag"), "lag": "off"}, {"shift"}),
         ({"shared": ()}, set()),
     ],

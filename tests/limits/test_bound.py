@@ -10,6 +10,7 @@ from evsdr.events.pixel import EventPixel
 from evsdr.limits.bound import find_limit, invert_information, unknown_names
 from evsdr.limits.information import average_information
 from evsdr.records import Schedule
+from evsdr.solve.shared.kernel import ON
 from evsdr.solve.shared.rig import Basis, Told
 from tests.support.analytic import sphere_normals
 from tests.support.plans import PIXEL, many, plan_of
@@ -60,7 +61,7 @@ def test_shared_unknowns_are_eliminated_as_from_the_whole_matrix(spread):
         whole[here, here], whole[here, -m:], whole[-m:, here] = own, cross, cross.T
         for k, sigma in enumerate((spread / 0.2, 0.5 * spread / 0.2)[: n - 10]):
             apart = np.zeros(len(whole))
-            apart[[i * n + 10 + k, n_pixel * n + n_led + 5 + k]] = 1, -1
+            apart[[i * n + 10 + k, n_pixel * n + n_led + ON + k]] = 1, -1
             whole += np.outer(apart, apart) / sigma**2
     change = np.eye(len(whole))[:, : n_pixel * n]
     change = np.column_stack([change, np.vstack([np.zeros((n_pixel * n, len(basis.owner))), basis.vectors])])

@@ -143,7 +143,7 @@ def test_pixels_do_not_depend_on_their_block(monkeypatch):
     whole = average_information(plan_of(normal, mask), 30)
     monkeypatch.setattr("evsdr.limits.information.BLOCK", 4)
     parts = average_information(plan_of(normal, mask), 30)
-    assert whole.own.shape == parts.own.shape == (9, 10, 10) and whole.cross.shape == (9, 10, 3 * 24 + 7)
+    assert whole.own.shape == parts.own.shape == (9, 10, 10) and whole.cross.shape == (9, 10, 3 * 24 + 8)
     np.testing.assert_allclose(parts.n_pair, whole.n_pair, rtol=0.05)
     np.testing.assert_allclose(parts.own[:, 0, 0], whole.own[:, 0, 0], rtol=0.15)
     np.testing.assert_allclose(np.diag(parts.shared)[:24], np.diag(whole.shared)[:24], rtol=0.1)
@@ -152,8 +152,8 @@ def test_pixels_do_not_depend_on_their_block(monkeypatch):
 def test_directions_are_looked_at_if_asked_for():
     plan = plan_of(many([0.3, 0.2, 1], 8))
     without, with_them = (average_information(plan, tilted=tilted) for tilted in (False, True))
-    assert not without.shared[31:].any() and (np.diag(with_them.shared)[31:] > 0).all()
-    np.testing.assert_array_equal(without.shared[:31, :31], with_them.shared[:31, :31])
+    assert not without.shared[32:].any() and (np.diag(with_them.shared)[32:] > 0).all()
+    np.testing.assert_array_equal(without.shared[:32, :32], with_them.shared[:32, :32])
 
 
 def test_what_pixels_share_is_that_of_the_sensor():

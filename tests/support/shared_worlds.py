@@ -10,21 +10,21 @@ from evsdr.effects.shared import SharedFound
 from evsdr.effects.world import Memo, Terms
 from evsdr.records import Recording, Schedule, Sensor
 from evsdr.solve.shared.infer import Inferred
-from evsdr.solve.shared.rig import GROUPS, NAMES, Rig, Told
+from evsdr.solve.shared.rig import GROUPS, N_TIMING, NAMES, Rig, Told
 
 N_LED, SLOT_US = 3, 1000.0
 
 
 def rig(**values) -> Rig:
     """Give a rig of three LEDs that is as told but for some values; times in slots."""
-    zero = Rig(np.zeros(N_LED), 0.0, 0.0, 0.0, 0.0, 0.05, np.zeros(2), np.zeros((N_LED, 2)))
+    zero = Rig(np.zeros(N_LED), 0.0, 0.0, 0.0, 0.0, 0.05, 0.0, np.zeros(2), np.zeros((N_LED, 2)))
     return replace(zero, **values)
 
 
 def found(turn_deg=0.2, told=Told(), names=NAMES, **values) -> SharedFound:
     """Give what was found, by default powers and thresholds that are off; sigmas are a hundredth."""
     values = {"log_power": np.array([0.05, -0.05, 0.0]), "log_threshold": np.full(2, 0.1)} | values
-    sigma = Rig.of(np.full(3 * N_LED + 7, 0.01), N_LED)
+    sigma = Rig.of(np.full(3 * N_LED + N_TIMING, 0.01), N_LED)
     turn = dict.fromkeys(GROUPS, turn_deg)
     inferred = Inferred(rig(**values), sigma, np.zeros((0, 2)), np.ones(2), 0.1, turn, {}, 1)
     return SharedFound(inferred, names, told, 50.0, SLOT_US)
@@ -43,6 +43,7 @@ class SharedWorld:
     terms: Terms = Terms()
     aim: object = None
     lag: object = None
+    leak: float = 0.0
     thresholds: bool = False
     found: object = None
     memo: Memo = None

@@ -2,11 +2,11 @@
 
 Between two events of a pixel
 
-    v(t_k) + p_k sigma lead_k - v(r_k) - p_(k-1) sigma kept lead_(k-1) = p_k C (1 + noise),
+    v(t_k) + p_k sigma lead_k - v(r_k) - p_(k-1) sigma kept lead_(k-1) + leak (t_k - r_k) = p_k C (1 + noise),
 
 with v the log light behind the photoreceptor (`receptor`), r_k = t_(k-1) + refractory, sigma lead what the receptor's
 noise adds when it fires an event (`lead`), and kept what is left of that at r_k. Times have the density of the first
-passage: that of the threshold that was met, times |dv/dt| / C, times the probability that the other threshold was not
+passage: that of the threshold that was met, times |dv/dt + leak| / C, times the probability that the other threshold was not
 met before. Derivatives stand at the light that v shows.
 """
 
@@ -24,7 +24,7 @@ from evsdr.threads import N_CHUNK, in_chunks
 
 SMALLEST_SLOPE = 0.02  # of v per slot: what is slower, or has the wrong sign, counts as nearly this
 FAR = 5.0  # standard deviations of a threshold within which silence says nothing
-TAU, DARK, NOISE, SHIFT, REFRACTORY, ON, OFF = range(7)  # columns after those of the LEDs
+TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, ON, OFF = range(8)  # columns after those of the LEDs
 EARLIER = 1e-6  # slots, for derivatives
 KINK = 0.01  # change of the rarity by a small step of timing that no smooth light makes
 LONG, TINY = -2.0, 1e-300  # below which the curvature is that of the tangent parabola about 0
@@ -148,9 +148,9 @@ def pixel_sums(
         C_on, C_off.
     own_thresholds : bool
         Whether the logarithms of these are the last unknowns of each pixel; else those of two factors are shared.
-    values : (4, 5) float64
-        tau (above 0), dark current, noise, shift and refractory period, times in slots; then tau, dark current and noise
-        moved a little, for derivatives, or not, for none.
+    values : (4, 6) float64
+        tau (above 0), dark current, noise, shift, refractory period and leak, times in slots; then tau, dark current and
+        noise moved a little, for derivatives, or not, for none.
     terms : Terms
     lead : (2, n) float64
         `lead.TABLE`.
@@ -204,12 +204,8 @@ def _run(
     timing = n + n_led
     logs = n - 2 if own_thresholds else timing + ON  # first column of the thresholds
     crossfade, told_noise = terms.crossfade, values[0, NOISE]
-    tau, shift, refractory, moved_by = (
-        values[0, TAU],
-        values[0, SHIFT],
-        values[0, REFRACTORY],
-        np.zeros(NOISE + 1),
-    )
+    tau, shift, refractory, leak = values[0, TAU], values[0, SHIFT], values[0, REFRACTORY], values[0, LEAK]
+    moved_by = np.zeros(NOISE + 1)
     for q in range(NOISE + 1):
         moved_by[q] = values[q + 1, q] - values[0, q]
     sets = np.append(np.flatnonzero(moved_by[:NOISE]) + 1, 0)  # another tau, another dark current, as told
@@ -258,7 +254,7 @@ def _run(
                             lead, told_noise, late, own, fired, nodes[q], crossfade
                         )
                     met[q] = log_now - late + p * told_noise * noise[q, 0]
-                    rarity[q] = _rarity(p, late, own)
+                    rarity[q] = _rarity(p, late + leak / own, own)
                 if moved_by[NOISE] != 0:
                     noise[3, 0], _, noise[3, 1] = lead_of(
                         lead, values[3, NOISE], late, own, fired, nodes[0], crossfade
@@ -271,7 +267,8 @@ def _run(
             if not last:
                 side = 0 if p > 0 else 1
                 threshold = thresholds[i, side]
-                u = p * (met[0] - reference[0]) / threshold - 1
+                since = length - refractory
+                u = p * (met[0] - reference[0] + leak * since) / threshold - 1
                 residual[k], variance[k] = u, (told_noise**2 * spread + left) / threshold**2
                 scale = np.sqrt(terms.scatter**2 + weigh[k])
                 factor = p / threshold / scale
@@ -285,7 +282,8 @@ def _run(
                             factor * (met[q + 1] - met[0] - reference[q + 1] + reference[0]) / moved_by[q]
                         )
                 row[timing + SHIFT] = -factor * (late * own + by_shift)
-                row[timing + REFRACTORY] = -factor * by_refractory
+                row[timing + REFRACTORY] = -factor * (by_refractory + leak)
+                row[timing + LEAK] = factor * since
                 row[logs + side] = -(u + 1) / scale
                 excess = (u / scale / terms.robust) ** 2
                 weight, share = 1 / (1 + excess), terms.slope_term
@@ -296,12 +294,13 @@ def _run(
                 for q in range(DARK + 1):
                     more = rarity[q + 1] - rarity[0]
                     row[timing + q] = more / moved_by[q] if moved_by[q] != 0 and abs(more) < KINK else 0.0
-                factor = p / np.sqrt(late * late + (SMALLEST_SLOPE / own) ** 2)
+                factor = p / np.sqrt((late + leak / own) ** 2 + (SMALLEST_SLOPE / own) ** 2)
+                row[timing + LEAK] = -factor / own
                 earlier = (
                     fired - EARLIER
                 ) % n_slot  # by differences: v' = late own is too near to log I' for its change
                 late_then, _, own_then = _look(earlier, light, nodes[0], values[0], crossfade)
-                more = _rarity(p, late_then, own_then) - rarity[0]
+                more = _rarity(p, late_then + leak / own_then, own_then) - rarity[0]
                 row[timing + SHIFT] = more / EARLIER if abs(more) < KINK else 0.0
                 _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
                 slot, fade = phase_at(fired, crossfade, n_slot)
@@ -315,12 +314,13 @@ def _run(
                 sign = 1.0 - 2.0 * side
                 if p == sign:
                     continue
-                far, where = 0.0, -1
+                far, where, since = 0.0, -1, 0.0
                 for step in range(1, n_probe + 1):
                     probe = (int(start) + step) % n_slot
-                    value = sign * (shown[0, probe] - reference[0])
+                    passed = int(start) + step - start
+                    value = sign * (shown[0, probe] - reference[0] + leak * passed)
                     if value > far:
-                        far, where = value, probe
+                        far, where, since = value, probe, passed
                 threshold = thresholds[i, side]
                 scale = np.sqrt(terms.scatter**2 + left / threshold**2)
                 z = (1 - far / threshold) / scale
@@ -339,7 +339,8 @@ def _run(
                     if moved_by[q] != 0:
                         row[timing + q] = factor * (moved - reference[q + 1] + reference[0]) / moved_by[q]
                 row[timing + SHIFT] = -factor * by_shift
-                row[timing + REFRACTORY] = -factor * by_refractory
+                row[timing + REFRACTORY] = -factor * (by_refractory + leak)
+                row[timing + LEAK] = factor * since
                 row[logs + side] = far / (threshold * scale)
                 _add(matrix, slopes, row, slope, bend)
         for a in range(n_all):

@@ -19,7 +19,7 @@ from evsdr.records import Recording
 from evsdr.solve.levenberg import horizon
 from evsdr.solve.problem import Problem
 from evsdr.solve.shared.kernel import Terms, pixel_sums
-from evsdr.solve.shared.rig import Rig, across
+from evsdr.solve.shared.rig import TIMES, Rig, across
 from evsdr.solve.solution import Solution
 from evsdr.solve.unknowns import to_normal
 
@@ -124,7 +124,8 @@ class Pixels:
         """
         light, n_map = self.light, 2 + self.light.n_band
         gains, maps = theta[:, n_map:] if own_thresholds else rig.log_threshold, theta[:, :n_map]
-        values = np.tile([max(rig.tau, SHORTEST), rig.dark, rig.noise, rig.shift, rig.refractory], (4, 1))
+        values = np.tile([getattr(rig, name) for name in TIMES], (4, 1))
+        values[:, 0] = max(rig.tau, SHORTEST)
         values[1:, : len(STEPS)] += np.diag([h if name in stirred else 0.0 for name, h in STEPS.items()])
         return pixel_sums(
             self.events,

@@ -12,7 +12,7 @@ from evsdr.solve.law import gaussian_share
 from evsdr.solve.noise import NOISE_RANGE
 from evsdr.solve.shared.kernel import ON, Terms
 from evsdr.solve.shared.pixels import Pixels
-from evsdr.solve.shared.rig import NOT_NEGATIVE, Basis, Rig, Told
+from evsdr.solve.shared.rig import N_TIMING, NOT_NEGATIVE, Basis, Rig, Told
 from evsdr.solve.threshold_spread import MEDIAN_OF_SQUARE, SMALLEST_SPREAD
 from evsdr.solve.unknowns import (
     LARGEST_SLOPE,
@@ -83,7 +83,7 @@ class Posterior:
     basis : Basis
     sigma : (n_free,) float
         Of the prior, along the basis.
-    told, centre : (3 n_led + 7,) and (n_free,) float
+    told, centre : (3 n_led + N_TIMING,) and (n_free,) float
         What is told, across the basis and along it.
     own_thresholds, tilted : bool
         Whether thresholds of each pixel, and directions of LEDs, are unknown.
@@ -121,7 +121,7 @@ class Posterior:
     @property
     def vectors(self) -> np.ndarray:
         """The basis, in the border's columns."""
-        return self.basis.vectors if self.tilted else self.basis.vectors[: self.pixels.light.n_led + 7]
+        return self.basis.vectors if self.tilted else self.basis.vectors[: self.pixels.light.n_led + N_TIMING]
 
     def at(self, theta: np.ndarray, free: np.ndarray, some: np.ndarray | None = None) -> Point:
         """Evaluate it, or only that of some pixels, (n,) int."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-TIMES = ("tau", "dark", "noise", "shift", "refractory")
+TIMES = ("tau", "dark", "noise", "shift", "refractory", "leak")
 NAMES = ("powers", *TIMES, "thresholds", "directions")
 N_TIMING = len(TIMES) + 2  # columns of the border between powers and directions
 GROUPS = {  # what a user can leave out, and what is decided on together
@@ -12,6 +12,7 @@ GROUPS = {  # what a user can leave out, and what is decided on together
     "lag": ("tau", "dark", "noise"),
     "shift": ("shift",),
     "refractory": ("refractory",),
+    "leak": ("leak",),
     "thresholds": ("thresholds",),
     "directions": ("directions",),
 }
@@ -36,6 +37,8 @@ class Rig:
         By which all times are late.
     refractory : float
         Refractory period.
+    leak : float
+        Rise of what the comparators see, per slot since the reference was memorised [log I].
     log_threshold : (2,) float
         Mean logarithms of C_on and C_off over the pixels, relative to what is told.
     tilt : (n_led, 2) float
@@ -48,6 +51,7 @@ class Rig:
     noise: float
     shift: float
     refractory: float
+    leak: float
     log_threshold: np.ndarray
     tilt: np.ndarray
 
@@ -59,7 +63,7 @@ class Rig:
 
     @property
     def vector(self) -> np.ndarray:
-        """All values (3 n_led + 7,)."""
+        """All values (3 n_led + N_TIMING,)."""
         times = [getattr(self, name) for name in TIMES]
         return np.concatenate([self.log_power, times, self.log_threshold, self.tilt.ravel()])
 
@@ -76,6 +80,8 @@ class Told:
         Of the logarithm of an LED's power, against the others of its band: the gain of a band is as told.
     tau_us, dark, noise, shift_us, refractory_us : float
         As in `Rig`, times in us.
+    leak : float
+        Of the rise of log I [1/s].
     thresholds : float
         Of the mean logarithm of each threshold.
     directions_deg : float
@@ -88,6 +94,7 @@ class Told:
     noise: float = 0.05
     shift_us: float = 30.0
     refractory_us: float = 15.0
+    leak: float = 0.05
     thresholds: float = 0.3
     directions_deg: float = 0.5
 
@@ -100,6 +107,7 @@ class Told:
             noise=self.noise,
             shift=self.shift_us / slot_us,
             refractory=self.refractory_us / slot_us,
+            leak=self.leak * 1e-6 * slot_us,
             thresholds=self.thresholds,
             directions=np.radians(self.directions_deg),
         )
@@ -111,7 +119,7 @@ class Basis:
 
     Attributes
     ----------
-    vectors : (3 n_led + 7, n_free) float
+    vectors : (3 n_led + N_TIMING, n_free) float
         Orthonormal columns.
     owner : (n_free,) str
         The name of each.

@@ -48,7 +48,7 @@ def test_names_limit_what_moves(wrong):
     assert np.any(found.rig.log_power) and not replace(found.sigma, log_power=np.zeros(24)).vector.any()
     assert found.turn_deg["powers"] > 0.5
     assert all(found.turn_deg[group] == 0 for group in GROUPS if group != "powers")
-    assert found.wanted["shift"] > 5 and found.wanted.keys() == {"tau", "dark", "noise", "shift"}
+    assert found.wanted["shift"] > 5 and found.wanted.keys() == {"tau", "dark", "noise", "shift", "leak"}
 
 
 def test_a_turn_tells_what_an_error_costs(wrong):
@@ -87,6 +87,14 @@ def test_a_lag_is_found():
     assert sigma_us < 2 and case.error(found.theta) < 0.7 * case.error()
     assert found.wanted["dark"] < 4
     assert found.turn_deg["lag"] > 0.1
+
+
+@pytest.mark.parametrize("leak_hz", [0.0, 1.0])
+def test_a_leak_is_found(leak_hz):
+    case = Case.sphere(leak_hz=leak_hz, **QUIET)
+    found = case.infer(("leak", "thresholds"))
+    rise, sigma = (of.leak * 1e6 / case.recording.schedule.slot_us for of in (found.rig, found.sigma))
+    assert rise == pytest.approx(0.2 * leak_hz, abs=4 * sigma) and sigma < 0.02
 
 
 def test_unknown_thresholds_of_pixels_have_a_mean_and_a_spread():

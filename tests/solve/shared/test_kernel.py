@@ -26,8 +26,8 @@ ROBUST, SHARE = 3.0, gaussian_share(3.0)
 ORDER = np.array([0, 1, 6, 2, 5, 4, 3, 3])  # LED 6 is darkness
 BAND = np.arange(N_LED) % 3
 N_MAP, N_EVENT = 5, 40  # unknowns of the maps; events of a pixel
-STEPS = np.array([1e-7, 1e-4, 1e-5, 1e-6, 1e-6])
-TIMING = slice(0, 5)  # of the columns after those of the LEDs
+STEPS = np.array([1e-7, 1e-4, 1e-5, 1e-6, 1e-6, 1e-6])
+TIMING = slice(0, 6)  # of the columns after those of the LEDs
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Case:
         )
         signals = rng.uniform(0.2, 1, (N_PIXEL, 4, N_LED))
         signals[:, 1:3] -= 0.6
-        values = np.array([tau, 0.02, noise, 0.013, 0.05])
+        values = np.array([tau, 0.02, noise, 0.013, 0.05, 0.04])
         tilts = rng.normal(0, 0.5, (N_PIXEL, N_LED, 2))
         thresholds = rng.uniform(0.2, 0.8, (N_PIXEL, 2))
         return cls(signals, tilts, thresholds, events, values, **options)
@@ -70,12 +70,12 @@ class Case:
         n = self.n
         maps, shared = move[:N_MAP], move[n:]
         power, timing, tilt = np.split(shared, [N_LED, N_LED + N_TIMING])
-        logs = move[N_MAP:n] if self.own else timing[5:]
+        logs = move[N_MAP:n] if self.own else timing[6:]
         signals = self.signals.copy()
         signals[:, 0] += signals[:, 1] * maps[0] + signals[:, 2] * maps[1]
         signals[:, 0] += signals[:, 3] * np.expm1(maps[2:][BAND])
         signals[:, 0] *= np.exp(power + np.einsum("ijk,jk->ij", self.tilts, tilt.reshape(N_LED, 2)))
-        values = np.tile(self.values + timing[:5], (4, 1))
+        values = np.tile(self.values + timing[:6], (4, 1))
         values[1:, :3] += np.diag(STEPS[:3])
         weigh = np.zeros(len(self.events[1])) if self.weigh is None else self.weigh
         return pixel_sums(
@@ -104,12 +104,12 @@ class Case:
     def steps(self):
         steps = np.full(self.width, 1e-6)
         first = self.n + N_LED
-        steps[first : first + 5] = STEPS / 2
+        steps[first : first + 6] = STEPS / 2
         return steps
 
 
 def everything_but_timing(case):
-    return np.delete(np.arange(case.width), case.n + N_LED + np.arange(5))
+    return np.delete(np.arange(case.width), case.n + N_LED + np.arange(6))
 
 
 def gradient(sums):
@@ -124,7 +124,7 @@ def test_the_gradient_is_that_of_the_cost(rng, own, crossfade):
     sums, expected = case.sums(), case.by_steps(lambda s: s[0].sum(), case.steps)
     which = everything_but_timing(case)
     if own:
-        assert not gradient(sums)[case.n + N_LED + 5 :][:2].any()
+        assert not gradient(sums)[case.n + N_LED + 6 :][:2].any()
     np.testing.assert_allclose(gradient(sums)[which], expected[which], atol=0.01 * np.abs(expected).max())
     assert np.isfinite(sums[3]).sum() > 100 and np.isnan(sums[3]).sum() > 15
     assert np.median(np.abs(expected[which])) > 10
@@ -159,10 +159,10 @@ def test_the_gradient_by_timing_is_that_of_residuals_and_silence(rng, tau):
     found = np.subtract(*(gradient(c.sums()) for c in cases))
     expected = np.subtract(*(c.by_steps(lambda s: s[0].sum(), c.steps) for c in cases))
     first = case.n + N_LED
-    for k, name in enumerate(("tau", "dark", "noise", "shift", "refractory")):
+    for k, name in enumerate(("tau", "dark", "noise", "shift", "refractory", "leak")):
         if name == "noise" or (name == "dark" and tau == FAST):
             continue  # noise can only grow from 0; without a lag a dark current does nothing
-        assert abs(expected[first + k]) > 1
+        assert abs(expected[first + k]) > 0.5
         assert found[first + k] == pytest.approx(expected[first + k], rel=0.02), name
 
 
@@ -194,7 +194,7 @@ def test_the_information_of_thresholds_by_hand(loud):
     """Each pair tells one by (u + 1) / scale, weighed by its law, and its time once more."""
     sums = loud.sums()
     u, polarity, scale = sums[3], loud.events[3], np.sqrt(loud.scatter**2 + 0.01)
-    for column, p in ((loud.n + N_LED + 5, 1), (loud.n + N_LED + 6, -1)):
+    for column, p in ((loud.n + N_LED + 6, 1), (loud.n + N_LED + 7, -1)):
         mine = u[np.isfinite(u) & (polarity == p)]
         weight = 1 / (1 + (mine / scale / ROBUST) ** 2)
         expected = np.sum(weight * ((mine + 1) / scale) ** 2 + SHARE)
@@ -203,7 +203,7 @@ def test_the_information_of_thresholds_by_hand(loud):
 
 def test_the_variance_of_a_residual_is_that_of_both_ends(loud):
     """Far beyond the time constant the reference is noise at rest; the lead scatters less."""
-    apart = replace(loud, values=loud.values + [0, 0, 0, 0, 0.2])
+    apart = replace(loud, values=loud.values + [0, 0, 0, 0, 0.2, 0])
     variance, u = apart.sums()[4], apart.sums()[3]
     own = apart.thresholds[np.repeat(np.arange(N_PIXEL), N_EVENT), (loud.events[3] < 0).astype(int)]
     relative = (variance * own**2 / 0.03**2)[np.isfinite(u)]
@@ -230,11 +230,9 @@ def test_the_information_is_a_symmetric_one(rng):
 @pytest.mark.parametrize("tau, crossfade", [(0.0, 1.0), (0.0, 0.3), (0.004, 1.0), (0.004, 0.3), (0.03, 1.0)])
 def test_events_without_noise_leave_no_residual(rng, tau, crossfade):
     """Simulated behind photoreceptors, times exact to 1e-6 slots: at the truth each pair gives its threshold."""
-    slot_us = 1e6
-    pixel = EventPixel(
-        0.2, 0.3, event_noise=0.0, refractory_us=0.05 * slot_us,
-        **NO_FLAWS | {"cutoff_hz": 1e6 / (2 * np.pi * tau * slot_us) if tau else 0.0},
-    )  # fmt: skip
+    slot_us, leak = 1e6, 0.1
+    flaws = {"cutoff_hz": 1e6 / (2 * np.pi * tau * slot_us) if tau else 0.0, "leak_hz": leak / 0.2}
+    pixel = EventPixel(0.2, 0.3, event_noise=0.0, refractory_us=0.05 * slot_us, **NO_FLAWS | flaws)
     schedule = ring(range(N_LED), slot_us, crossfade)
     signal = rng.uniform(0.05, 1, (N_LED, 2, 3))
     events, on, off, starts = simulate_events(signal, VEIL, schedule, 4, pixel)
@@ -250,20 +248,20 @@ def test_events_without_noise_leave_no_residual(rng, tau, crossfade):
     table[:, 0] = signal.reshape(N_LED, 6).T
 
     def residual(*truth):
-        values = np.tile(np.maximum(truth, [FAST, 0, 0, -1, 0]), (6, 1))
-        values[1:] += np.diag(STEPS)
+        values = np.tile(np.maximum(truth, [FAST, 0, 0, -1, 0, 0]), (4, 1))
         thresholds = np.stack([on.ravel(), off.ravel()], axis=-1).astype(float)
         terms = Terms(crossfade, 0.01, ROBUST, SHARE)
         given_light = np.arange(N_LED), np.arange(N_LED) % 3, VEIL, table, np.zeros((6, N_LED, 0)), thresholds
         out = pixel_sums(given, *given_light, False, values, terms, TABLE, np.zeros(len(t)))
         return out[3][np.isfinite(out[3])]
 
-    right = residual(tau, 0, 0, 0, 0.05)
+    right = residual(tau, 0, 0, 0, 0.05, leak)
     assert len(right) > 100 and np.median(np.abs(right)) < 3e-4 and np.quantile(np.abs(right), 0.95) < 0.01
     for wrong in ((tau + 0.01, 0, 0, 0, 0.05), (tau, 0, 0, 0.01, 0.05), (tau, 0, 0, 0, 0.06)):
-        assert np.median(np.abs(residual(*wrong))) > 0.01
+        assert np.median(np.abs(residual(*wrong, leak))) > 0.01
+    assert np.median(np.abs(residual(tau, 0, 0, 0, 0.05, 0.0))) > 0.01
     if tau:
-        assert np.median(np.abs(residual(tau, 0.2, 0, 0, 0.05))) > 0.002
+        assert np.median(np.abs(residual(tau, 0.2, 0, 0, 0.05, leak))) > 0.002
 
 
 def test_the_law_is_that_of_the_maps_solver(rng, monkeypatch):
@@ -308,8 +306,7 @@ def test_the_law_is_that_of_the_maps_solver(rng, monkeypatch):
     ending = (starts[-1] - t[offset[1:] - 1]) / slot_us
     gap = np.diff(t, prepend=t[:1]) / slot_us
     ours = offset, at, gap, (2 * events.p[sort] - 1).astype(np.int8), inside, ending
-    values = np.tile([FAST, 0, 0, 0, refractory], (6, 1))
-    values[1:] += np.diag(STEPS)
+    values = np.tile([FAST, 0, 0, 0, refractory, 0.0], (4, 1))
     table = np.stack([lit, by_p, by_q, lit]).transpose(2, 0, 1).copy()
     thresholds = np.stack([on.ravel(), off.ravel()], axis=-1).astype(float)
     found = pixel_sums(

@@ -14,9 +14,9 @@ def test_a_rig_is_read_as_it_is_written():
     vector = np.arange(3.0 * 6 + N_TIMING)
     rig = Rig.of(vector, 6)
     np.testing.assert_array_equal(rig.vector, vector)
-    assert [getattr(rig, name) for name in TIMES] == [6, 7, 8, 9, 10]
-    assert rig.log_power.tolist() == [0, 1, 2, 3, 4, 5] and rig.log_threshold.tolist() == [11, 12]
-    assert rig.tilt.shape == (6, 2) and rig.tilt[1].tolist() == [15, 16]
+    assert [getattr(rig, name) for name in TIMES] == [6, 7, 8, 9, 10, 11]
+    assert rig.log_power.tolist() == [0, 1, 2, 3, 4, 5] and rig.log_threshold.tolist() == [12, 13]
+    assert rig.tilt.shape == (6, 2) and rig.tilt[1].tolist() == [16, 17]
     np.testing.assert_array_equal(np.flatnonzero(replace(rig, shift=-1.0).vector != vector), [9])
 
 
@@ -39,7 +39,7 @@ def test_all_directions_are_orthonormal_and_powers_of_a_band_add_up_to_0():
 @pytest.mark.parametrize("name", NAMES)
 def test_a_direction_moves_what_it_is_named_after(name):
     basis = Basis.of((name,), BAND)
-    zero = Rig.of(np.zeros(25), 6)
+    zero = Rig.of(np.zeros(3 * 6 + N_TIMING), 6)
     moved = Rig.of(basis.vectors @ np.ones(len(basis.owner)), 6)
     part = {"powers": "log_power", "thresholds": "log_threshold", "directions": "tilt"}.get(name, name)
     assert np.any(getattr(moved, part))
@@ -47,16 +47,18 @@ def test_a_direction_moves_what_it_is_named_after(name):
 
 
 def test_nothing_unknown_is_no_direction():
-    assert Basis.of((), BAND).vectors.shape == (25, 0)
-    assert Basis.of(("powers",), [0, 1, 2]).vectors.shape == (16, 0)  # no two LEDs of a band
+    assert Basis.of((), BAND).vectors.shape == (3 * 6 + N_TIMING, 0)
+    assert Basis.of(("powers",), [0, 1, 2]).vectors.shape == (3 * 3 + N_TIMING, 0)  # no two LEDs of a band
 
 
 def test_tolerances_are_in_the_units_of_a_rig():
-    told = Told(tau_us=20, shift_us=30, refractory_us=40, directions_deg=90, powers=0.1, dark=0.2, noise=0.3)
+    told = Told(
+        tau_us=20, shift_us=30, refractory_us=40, directions_deg=90, powers=0.1, dark=0.2, noise=0.3, leak=0.5
+    )
     found = told.tolerance(10.0)
     assert found == pytest.approx(
         dict(
-            tau=2, shift=3, refractory=4, directions=np.pi / 2, powers=0.1, dark=0.2, noise=0.3,
+            tau=2, shift=3, refractory=4, directions=np.pi / 2, powers=0.1, dark=0.2, noise=0.3, leak=5e-6,
             thresholds=told.thresholds,
         )
     )  # fmt: skip
