@@ -9,6 +9,7 @@ import numpy as np
 from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import against
 from evsdr.model.illumination import Illumination
+from evsdr.records import Maps
 from evsdr.solve.shared.infer import Inferred, infer
 from evsdr.solve.shared.pixels import Pixels, choose, collect, is_far, turned
 from evsdr.solve.shared.posterior import Start
@@ -135,6 +136,20 @@ def _start(world: "World", fitted: "Fitted", told: Rig, row: np.ndarray) -> Star
     if "lag" in world.terms.shared:
         rig = replace(rig, tau=FIRST_TAU_US / world.recording.schedule.slot_us, noise=FIRST_NOISE)
     return Start(theta, rig, spread, solution.noise)
+
+
+def widened(maps: Maps, decisions: dict[str, Decision]) -> Maps:
+    """Add to the sigmas of maps what is left open of what pixels share."""
+    found = [d.answer.inferred for d in decisions.values() if isinstance(d.answer, SharedFound)]
+    if not found:
+        return maps
+    angle = np.where(maps.mask, found[-1].normal_sigma_deg, 0)
+    relative = found[-1].log_reflectance_sigma * maps.reflectance
+    return replace(
+        maps,
+        normal_sigma_deg=np.hypot(maps.normal_sigma_deg, angle, dtype=np.float32),
+        reflectance_sigma=np.minimum(np.hypot(maps.reflectance_sigma, relative, dtype=np.float32), 1),
+    )
 
 
 class SharedEffect:

@@ -19,7 +19,7 @@ from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.sensitivity import mean_error
 from evsdr.effects.shadows import Shadows, ShadowsOnFit
-from evsdr.effects.shared import find_shared
+from evsdr.effects.shared import find_shared, widened
 from evsdr.effects.thresholds import Thresholds, ThresholdScale
 from evsdr.effects.wiring import Wiring
 from evsdr.effects.world import ROUND_RAYS, TRIAL_RAYS, Fitted, Terms, World
@@ -105,6 +105,7 @@ def fit_recording(
             world, changed = decide("settled", world, fitted, settings)
             if changed:
                 fitted = solve(world.problem(fitted), fitted, "model", advance)
+    fitted = replace(fitted, maps=widened(fitted.maps, world.decisions))
     with stages.stage("surface"):
         surface = world.surface.files(fitted) if fitted.maps.mask.any() else {}
     geometry.check_pieces(world)

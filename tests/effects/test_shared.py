@@ -7,21 +7,24 @@ import numpy as np
 import pytest
 
 from evsdr.effects.clock import TimeShift
+from evsdr.effects.effect import Decision
 from evsdr.effects.lag import PhotoreceptorLag
+from evsdr.effects.leak import Leak
 from evsdr.effects.leds import LedDirections, LedPowers
 from evsdr.effects.refractory import Refractory
-from evsdr.effects.shared import Aim, find_shared, plus_minus
+from evsdr.effects.shared import Aim, find_shared, plus_minus, widened
 from evsdr.effects.thresholds import ThresholdScale
 from evsdr.effects.world import Fitted, Memo, Terms
 from evsdr.model.illumination import Illumination
+from evsdr.records import Maps
 from evsdr.solve.shared.pixels import vector_of
 from evsdr.solve.shared.rig import GROUPS
 from tests.support.shared_unknowns import Case, power_errors
-from tests.support.shared_worlds import FITTED, found, world
+from tests.support.shared_worlds import FITTED, decision, found, world
 from tests.support.sphere import solve, sphere_recording
 from tests.support.worlds import SmallWorld, problem_of
 
-EFFECTS = (LedPowers, LedDirections, TimeShift, Refractory, ThresholdScale, PhotoreceptorLag)
+EFFECTS = (LedPowers, LedDirections, TimeShift, Refractory, ThresholdScale, PhotoreceptorLag, Leak)
 
 
 @pytest.mark.parametrize("kind", EFFECTS)
@@ -138,3 +141,16 @@ class FewPixels:
     def __init__(self, recording, light, mask):
         self.recording, self.problem = recording, problem_of(recording, light, mask)
         self.solution = solve(self.problem)
+
+
+def test_what_is_left_open_of_what_pixels_share_widens_sigmas():
+    """Of known pixels: 0.3 degrees, and two percent of the reflectance."""
+    normal = np.broadcast_to(np.float32([0, 0, 1]), (1, 2, 3))
+    sigma = np.float32([[0.4, 180.0]])
+    maps = Maps(
+        normal, np.float32([[[0.5], [0.5]]]), sigma < 90, sigma, np.float32([[[0.01], [1.0]]]), np.ones(1)
+    )
+    wide = widened(maps, {"a": decision(LedPowers()), "b": Decision("b", False, "")})
+    np.testing.assert_allclose(wide.normal_sigma_deg, [[0.5, 180]])
+    np.testing.assert_allclose(wide.reflectance_sigma[..., 0], [[np.hypot(0.01, 0.01), 1]], rtol=1e-6)
+    assert widened(maps, {"b": Decision("b", False, "")}) is maps

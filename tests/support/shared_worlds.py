@@ -22,11 +22,17 @@ def rig(**values) -> Rig:
 
 
 def found(turn_deg=0.2, told=Told(), names=NAMES, **values) -> SharedFound:
-    """Give what was found, by default powers and thresholds that are off; sigmas are a hundredth."""
-    values = {"log_power": np.array([0.05, -0.05, 0.0]), "log_threshold": np.full(2, 0.1)} | values
+    """Give what was found, by default powers, thresholds and a leak that are off; sigmas are a hundredth."""
+    values = {
+        "log_power": np.array([0.05, -0.05, 0.0]),
+        "log_threshold": np.full(2, 0.1),
+        "leak": 0.1,
+    } | values
     sigma = Rig.of(np.full(3 * N_LED + N_TIMING, 0.01), N_LED)
     turn = dict.fromkeys(GROUPS, turn_deg)
-    inferred = Inferred(rig(**values), sigma, np.zeros((0, 2)), np.ones(2), 0.1, turn, {}, 1)
+    inferred = Inferred(
+        rig(**values), sigma, np.zeros((0, 2)), np.ones(2), 0.1, turn, {}, 1, 0.3, np.full(1, 0.02)
+    )
     return SharedFound(inferred, names, told, 50.0, SLOT_US)
 
 

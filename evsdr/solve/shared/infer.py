@@ -11,7 +11,7 @@ import numpy as np
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.posterior import SLACK, Point, Posterior, Start
 from evsdr.solve.shared.rig import GROUPS, NAMES, TIMES, Basis, Rig, Told
-from evsdr.solve.unknowns import to_normal
+from evsdr.solve.unknowns import normal_sigma_deg, to_normal
 
 N_ROUND, N_STEP = 4, 4  # of steps with one scatter; guessed: the last ones hardly move anything
 RISEN = 0.01  # mean loss of that from which a step is refused
@@ -35,6 +35,10 @@ class Inferred:
     wanted : dict of str to float
         Of timing that was left at 0: how many standard deviations above that the events want it.
     n_step : int
+    normal_sigma_deg : float
+        What all this leaves open of the normals, of the median pixel.
+    log_reflectance_sigma : (n_band,) float
+        The same of log reflectances.
     """
 
     rig: Rig
@@ -45,6 +49,8 @@ class Inferred:
     turn_deg: dict
     wanted: dict
     n_step: int
+    normal_sigma_deg: float
+    log_reflectance_sigma: np.ndarray
 
 
 def infer(
@@ -84,8 +90,8 @@ def infer(
         group: turn_deg(point.theta, response @ np.where(np.isin(owner, of_group), away, 0))
         for group, of_group in GROUPS.items()
     }
-    covariance = posterior.basis.vectors @ np.linalg.inv(complement) @ posterior.basis.vectors.T
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
+    covariance = np.linalg.inv(complement)
+    sigma = np.sqrt(np.einsum("ij,jk,ik->i", posterior.basis.vectors, covariance, posterior.basis.vectors))
     return Inferred(
         posterior.rig(point.free),
         Rig.of(sigma, pixels.light.n_led),
@@ -95,6 +101,7 @@ def infer(
         turn,
         {name: posterior.wanted(point, tolerance, name) for name in left},
         n_step,
+        *_left_open(point.theta[:, : posterior.n_map], response, covariance),
     )
 
 
@@ -149,6 +156,17 @@ def _descend(posterior: Posterior, point: Point, damping: Damping) -> tuple[Poin
         if moved < SETTLED_DEG:
             break
     return point, damping, moved, made
+
+
+def _left_open(theta: np.ndarray, response: np.ndarray, covariance: np.ndarray) -> tuple[float, np.ndarray]:
+    """Give what the covariance of what is shared makes of the maps; see `Inferred`."""
+    n_map = theta.shape[1]
+    of_maps = np.einsum(
+        "nij,jk,nlk->nil", response[:, :n_map], covariance, response[:, :n_map], optimize=True
+    )
+    angle = normal_sigma_deg(theta[:, 0], theta[:, 1], of_maps[:, :2, :2])
+    variance = np.median(np.diagonal(of_maps, axis1=1, axis2=2)[:, 2:], axis=0)
+    return float(np.median(angle)), np.sqrt(np.maximum(variance, 0))
 
 
 def turn_deg(theta: np.ndarray, move: np.ndarray) -> float:

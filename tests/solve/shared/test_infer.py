@@ -134,6 +134,7 @@ def test_powers_and_directions_end_where_the_truth_leads():
     true = infer(case.pixels, start, case.told, told, names)
     np.testing.assert_allclose(found.rig.tilt, true.rig.tilt, atol=np.radians(0.1))
     np.testing.assert_allclose(found.rig.log_power, true.rig.log_power, atol=0.002)
+    assert 0.5 < case.error(found.theta) / found.normal_sigma_deg < 1.6 and case.error(found.theta) > 0.2
     for name, truth in (("tilt", tilt), ("log_power", log_power)):
         off = (getattr(found.rig, name) - truth) / getattr(found.sigma, name)
         assert 0.5 < np.sqrt(np.mean(off**2)) < 1.6, name
