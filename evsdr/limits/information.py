@@ -42,7 +42,8 @@ class Plan:
     light : Illumination
         What the LEDs send; arrays of width 1 or height * width.
     schedule : Schedule
-        Which LED is lit when.
+        Which LED is lit when. Where LEDs switch hard the light passes many thresholds at once, and events tell less of
+        the one that was met than is counted.
     n_round : int
         Number of rounds.
     pixel : EventPixel

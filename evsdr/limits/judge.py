@@ -21,6 +21,10 @@ from evsdr.model.illumination import Illumination
 from evsdr.records import Maps, Schedule
 from evsdr.solve.shared.rig import Told
 
+HARD_SWITCH = (
+    "LEDs switch hard: an event then tells only that its threshold was passed, and the limit takes it for more. Let them "
+    "fade into each other."
+)
 N_NORMAL = 20_000  # over the visible hemisphere, to count clean observations
 
 
@@ -124,7 +128,7 @@ def judge(
     lit = rendering.signal[:, mask]
     return {
         "leds": describe_leds(ring, light, safe),
-        "problems": list(report.problems),
+        "problems": [*report.problems, *([] if schedule.crossfade else [HARD_SWITCH])],
         "ratios_per_band": list(report.ratios),
         "safe_polar_deg": safe,
         "exact_safe_polar_deg": theory.exact_polar_angle_range(shininess, gloss_threshold),

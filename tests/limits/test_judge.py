@@ -1,6 +1,7 @@
 """A ring is judged for the object of a scene, from Python."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,6 +48,14 @@ def test_gloss_decides_which_leds_are_safe(ring):
     sharp, wide = (judge(ring, rendering, limit, schedule, shininess) for shininess in (32.0, 2.0))
     assert all(led["inside_safe_range"] for led in sharp["leds"])  # at 45 degrees
     assert wide["safe_polar_deg"] is None and not any(led["inside_safe_range"] for led in wide["leds"])
+
+
+def test_a_hard_switch_is_named(ring):
+    rendering, schedule = render_object(ring, 1, 0), replace(ring_schedule(8), crossfade=0.0)
+    found = judge(ring, rendering, limit_of(ring, rendering, schedule, 2, PIXEL), schedule)
+    assert [p for p in found["problems"] if "switch hard" in p]
+    fading = judge(ring, rendering, limit_of(ring, rendering, ring_schedule(8), 2, PIXEL), ring_schedule(8))
+    assert len(fading["problems"]) == len(found["problems"]) - 1
 
 
 def test_what_can_not_be_judged(ring, tmp_path):
