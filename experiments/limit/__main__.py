@@ -14,6 +14,7 @@ from . import summary, tables
 
 OUT = Path(__file__).resolve().parents[2] / "out" / "limit"
 SCENES = ("sphere", "blob", "relief", "colorchecker")
+SWEPT = ("sphere", "blob", "colorchecker")
 PRESETS = ("fast", "balanced")
 BASE_VALUE = {"constant light": 0.05, "noise": 10, "rounds": 6}  # on the figure's axes
 
@@ -49,10 +50,10 @@ def main(argv: list[str] | None = None) -> int:
                 f"\n{name}, base case, then an EVK4", "preset", [row for row in base if row["scene"] == name]
             )
         )
-        for parameter, settings in {} if options.quick else compute.SWEEPS.items():
+        for parameter, settings in compute.SWEEPS.items() if name in SWEPT and not options.quick else ():
             swept = []
             for value, setting in settings:
-                some = [row for row in found if row["preset"] == "fast"]
+                some = [row for row in found if row["preset"] == "balanced"]
                 case = some if setting == compute.BASE else compute.run(rendered, setting)
                 swept += [row | {"parameter": parameter, "value": value} for row in case]
             console.print(tables.case_table(f"\n{name}, {parameter}", "value", swept))

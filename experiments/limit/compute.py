@@ -67,8 +67,8 @@ SWEEPS = {
     "constant light": [
         (c, replace(BASE, constant_light=c)) for c in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
     ],
-    "threshold": [(c, replace(BASE, threshold_on=c, threshold_off=c)) for c in (0.05, 0.1, 0.2, 0.35, 0.5)],
-    "noise": [(s, replace(BASE, noise=s)) for s in (0.02, 0.05, 0.1, 0.2, 0.3)],
+    "threshold": [(c, replace(BASE, threshold_on=c, threshold_off=c)) for c in (0.05, 0.1, 0.2, 0.5)],
+    "noise": [(s, replace(BASE, noise=s)) for s in (0.02, 0.05, 0.1, 0.2)],
     "rounds": [(n, replace(BASE, rounds=n)) for n in (1, 2, 6, 24)],
 }
 
@@ -168,7 +168,7 @@ def recover_own_light(rendered: Rendered, setting: Setting, recording: Recording
 
 
 def run(
-    rendered: Rendered, setting: Setting, presets: tuple[str, ...] = ("fast",), own: bool = False
+    rendered: Rendered, setting: Setting, presets: tuple[str, ...] = ("balanced",), own: bool = False
 ) -> list[dict]:
     """Record a setting once and fit it with each preset, pixels alone and with priors.
 

@@ -52,7 +52,7 @@ def compare(maps: Maps, truth: Truth, limit: Limit) -> dict:
             f"{name}_bound": least,
             f"{name}_told": told_least,
             f"{name}_ratio": mine / least if some else None,
-            f"{name}_typical": float(np.median(error[good] / bound[good])) / half if some else None,
+            f"{name}_typical": float(np.median(error[good] / bound[good]) / half) if some else None,
         }
     return figures
 

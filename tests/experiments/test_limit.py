@@ -79,7 +79,7 @@ def test_shares_within_sigma():
 def test_a_fit_alone_reaches_its_limit(sphere):
     """Each pixel alone stays near its limit, nearest where the light is that of the model; neighbours help beyond it."""
     own, alone, helped = compute.run(sphere, compute.BASE, own=True)
-    assert (own["preset"], alone["preset"]) == (compute.OWN, "fast")
+    assert (own["preset"], alone["preset"]) == (compute.OWN, "balanced")
     assert (alone["priors"], helped["priors"]) == (False, True)
     assert alone["angle_known"] > 0.9
     assert 0.8 < own["angle_typical"] < 1.2 and 0.8 < own["reflectance_typical"] < 1.3
