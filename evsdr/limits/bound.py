@@ -98,7 +98,7 @@ def unknown_names(plan: Plan, told: Told) -> tuple[str, ...]:
     """Name what pixels share, of `rig.NAMES`; the light of a lag alone tells times (see `effects.shared`)."""
     lag = ("tau", "dark", "noise", "shift") if plan.pixel.cutoff_hz else ()
     directions = ("directions",) if told.directions_deg and is_far(plan.light) else ()
-    return ("powers", *lag, "refractory", "thresholds", *directions)
+    return ("powers", *lag, "refractory", "leak", "thresholds", *directions)
 
 
 def _eliminated(plan: Plan, information: Information, told: Told, names: tuple[str, ...]) -> tuple:

@@ -64,19 +64,9 @@ class Plan:
         pixel, n_led = self.pixel, self.light.n_led
         tau = 1e6 / (2 * np.pi * pixel.cutoff_hz) if pixel.cutoff_hz else 0.0
         noise = np.sqrt(0.5 / (tau * pixel.photon_rate_per_us)) if pixel.photon_rate_per_us else 0.0
-        times = tau, 0.0, 0.0, 0.0, pixel.refractory_us
-        tau, dark, _, shift, refractory = (t / self.schedule.slot_us for t in times)
-        return Rig(
-            np.zeros(n_led),
-            tau,
-            dark,
-            float(noise),
-            shift,
-            refractory,
-            0.0,
-            np.zeros(2),
-            np.zeros((n_led, 2)),
-        )
+        tau, refractory = (t / self.schedule.slot_us for t in (tau, pixel.refractory_us))
+        times = tau, 0.0, float(noise), 0.0, refractory, 0.0
+        return Rig(np.zeros(n_led), *times, np.zeros(2), np.zeros((n_led, 2)))
 
     @property
     def spread(self) -> np.ndarray:

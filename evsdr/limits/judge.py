@@ -188,6 +188,7 @@ def shared_sigma(limit: Limit, slot_us: float) -> dict:
         "threshold_on": float(sigma.log_threshold[0]),
         "threshold_off": float(sigma.log_threshold[1]),
         "refractory_us": sigma.refractory * slot_us,
+        "leak_per_s": sigma.leak / slot_us * 1e6,
         "directions_deg": float(np.degrees(np.sqrt(np.mean(sigma.tilt**2)))),
     }
     return found if "directions" in limit.names else found | {"directions_deg": None}

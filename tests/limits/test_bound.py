@@ -52,7 +52,13 @@ def test_shared_unknowns_are_eliminated_as_from_the_whole_matrix(spread):
     plan = plan_of(normal, pixel=replace(PIXEL, spread_on=spread, spread_off=0.5 * spread))
     limit, information = find_limit(plan, told, 2, 3), average_information(plan, 2, 3, True)
     n_pixel, n, m = information.cross.shape
-    assert n == 10 + 2 * (spread > 0) and limit.names == ("powers", "refractory", "thresholds", "directions")
+    assert n == 10 + 2 * (spread > 0) and limit.names == (
+        "powers",
+        "refractory",
+        "leak",
+        "thresholds",
+        "directions",
+    )
     basis, width = Basis.of(limit.names, plan.light.band), told.tolerance(plan.schedule.slot_us)
     whole = np.zeros((n_pixel * n + m,) * 2)
     whole[-m:, -m:] = information.shared
@@ -93,9 +99,9 @@ def test_many_pixels_tell_what_they_share():
 
 def test_only_a_lag_leaves_its_times_unknown():
     ideal, evk4 = (plan_of(many([0.3, 0.2, 1], 1), pixel=p) for p in (PIXEL, EventPixel()))
-    assert unknown_names(ideal, DIRECTIONS_TOLD) == ("powers", "refractory", "thresholds")
+    assert unknown_names(ideal, DIRECTIONS_TOLD) == ("powers", "refractory", "leak", "thresholds")
     lag = "tau", "dark", "noise", "shift"
-    assert unknown_names(evk4, Told()) == ("powers", *lag, "refractory", "thresholds", "directions")
+    assert unknown_names(evk4, Told()) == ("powers", *lag, "refractory", "leak", "thresholds", "directions")
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import pytest
 import evsdr
 from evsdr.events.record import ring_schedule
 from evsdr.limits.judge import judge, limit_of, render_object
+from evsdr.solve.shared.rig import Told
 from tests.support.small_scene import DIFFUSE, HEIGHT, SPHERE, WIDTH, scene
 
 PIXEL = evsdr.EventPixel(event_noise=0.1).idealised()
@@ -35,6 +36,7 @@ def test_bound_and_judgement_are_of_the_same_object(ring):
     assert found["bound"]["pairs_per_pixel"] == limit.n_pair[mask].mean() > 5
     assert found["bound_shared_unknown"]["normal_deg_median"] > found["bound"]["normal_deg_median"]
     assert found["shared_sigma"]["refractory_us"] == limit.shared.refractory * schedule.slot_us > 0
+    assert 0 < found["shared_sigma"]["leak_per_s"] < Told().leak
     assert 0 < found["shared_sigma"]["powers"] < 0.05 and found["shared_sigma"]["directions_deg"] < 0.5
     lit = rendering.signal[:, mask]
     assert found["median_led_signal"] == np.median(lit[lit > 0])
