@@ -10,6 +10,7 @@ from .compute import CASES, NAMES, Result, run
 
 UNITS = {"tau": ("{:.3g}", 1), "shift": ("{:.3g}", 1), "refractory": ("{:.3g}", 1), "noise": ("{:.4f}", 1)}
 UNITS |= {
+    "leak": ("{:.3f}", 1),
     "C_on": ("{:.3f}", 1),
     "C_off": ("{:.3f}", 1),
     "powers": ("{:.2g} %", 100),

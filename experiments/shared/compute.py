@@ -36,7 +36,7 @@ DEFAULT = Settings(gloss="off")  # a lobe found by chance would cost most of the
 NONE = replace(DEFAULT, shared=())
 TOLD = replace(DEFAULT, shared=("lag", "leak"))  # no file tells these: inferred alone is the closest
 LEVELS = np.arange(1, 4)[:, None]  # standard deviations
-NAMES = ("tau", "noise", "shift", "refractory", "C_on", "C_off", "powers", "directions")
+NAMES = ("tau", "noise", "shift", "refractory", "leak", "C_on", "C_off", "powers", "directions")
 
 
 @dataclass(frozen=True)
@@ -328,6 +328,9 @@ def against_truth(
         out[name] = us, true, deviations(us, true, sigma_us)
     noise = np.sqrt(rate / (2 * pixel.photon_rate_per_us))  # see `EventPixel.photon_rate_per_us`
     out["noise"] = value.noise, noise, deviations(value.noise, noise, sigma.noise)
+    leak, sigma_leak = found.decisions["leak"].found.values()
+    true = pixel.leak_hz * pixel.contrast_threshold_on
+    out["leak"] = leak, true, deviations(leak, true, sigma_leak)
     for k, name in enumerate(("on", "off")):
         told, of_pixels = (getattr(of.sensor, f"contrast_threshold_{name}") for of in (given, pixelwise))
         true = np.mean(np.log(np.broadcast_to(of_pixels, truth.mask.shape)[truth.mask] / told))
