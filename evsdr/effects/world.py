@@ -15,15 +15,19 @@ from evsdr.events.pairs import Pairs, pair_events
 from evsdr.light.camera import view_directions
 from evsdr.light.scene import RingScene
 from evsdr.light.tracing import trace_illumination, trace_indirect
+from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps, Recording
+from evsdr.solve.pair_data import without
 from evsdr.solve.problem import Problem, make_problem
 from evsdr.solve.shared.rig import GROUPS, Told
 from evsdr.solve.solution import Solution
+from evsdr.solve.visibility import Seen, find_visibility
 
 TRIAL_RAYS = 4  # per pixel: of trials, and for the object's outline
 ROUND_RAYS = 1  # per pixel, while light and surface change
 SKIP = 0.05  # pixels: hits nearer than that to an estimated surface are the surface itself
+SURE = 0.5  # pixels: nearer hits may come of the noise of an estimated surface
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,8 @@ class World:
     near : bool
         Whether direction and fall-off of LEDs are per pixel.
     shadows : str
-        `none`, or the geometry that casts them: `scene`, or `estimate`, the surface of the fit.
+        `none`, or the geometry that casts them: `scene`, or `estimate`, the surface of the fit; or `latent`: what the
+        events tell of each pixel, with the geometry as its prior.
     moved : bool
         Whether LEDs are near to the surface of the fit, not to that of the scene.
     indirect : bool
@@ -163,7 +168,7 @@ class World:
     @property
     def light_follows_fit(self) -> bool:
         """Whether light depends on the fit."""
-        return self.on_fit or self.indirect
+        return self.on_fit or self.indirect or self.shadows == "latent"
 
     def look(self, fitted: Fitted | None = None) -> Look:
         """Look at some pixels: at what was fitted, or else at the scene's geometry."""
@@ -207,6 +212,8 @@ class World:
         surface = fitted if self.on_fit else None
         shadows = self.shadows == ("estimate" if surface and self.shadows != "scene" else "scene")
         light = self.trace(shadows, rays if surface and rays else self.rays, surface)
+        if self.shadows == "latent" and fitted:
+            light = light.seen(self.seen(fitted).everywhere(fitted.problem.pixel, self.mask.size))
         if not (self.indirect and fitted):
             return light
 
@@ -216,6 +223,24 @@ class World:
             return replace(light, indirect=trace_indirect(scene, fitted.maps, light, depth, seed, free))
 
         return self.memo("indirect", (light, fitted), work)
+
+    def seen(self, fitted: Fitted) -> Seen:
+        """Give what pixels see of the LEDs, as their events tell; once lobes are known it stays as it is."""
+
+        def work():
+            surface = None if self.ring.shape_is_known else fitted
+            free = self.trace(False, self.rays, fitted if self.moved else None)
+            problem = make_problem(self.recording, self.pairs(fitted), free, self.mask, self.hot)
+            before = fitted.problem.illumination.share_of(problem.illumination, problem.n_pixel)
+            if self.gloss is not None:
+                untold = problem.fired & ~fitted.problem.fired
+                return Seen(before, fitted.solution.all_theta, untold)
+            here = owned(type(problem.pairs.offset), problem.pixel)
+            plain, shadowed = (self.trace(s, TRIAL_RAYS, surface, SURE).gather(here) for s in (False, True))
+            traced = shadowed.share_of(plain, problem.n_pixel)
+            return find_visibility(problem, fitted.solution, before, traced, self.ring.shape_is_known)
+
+        return self.memo("seen", (fitted, self.moved), work)
 
     def pairs(self, fitted: Fitted | None = None) -> Pairs:
         """Pair the events, as photoreceptors that lag show them under the light of a fit."""
@@ -236,6 +261,10 @@ class World:
         """Give the problem to solve; what depends on the maps follows those of a fit, if there is one."""
         light, pairs = self.illumination(fitted, rays), self.pairs(fitted)
         problem = make_problem(self.recording, pairs, light, self.mask, self.hot)
+        if self.shadows == "latent" and fitted:
+            seen = self.seen(fitted)
+            pairs, fired = without(problem.pairs, seen.untold), problem.fired & ~seen.untold
+            problem = replace(problem, start=seen.theta, pairs=pairs, fired=fired)
         if self.gloss is None:
             return problem
         lobe = self.gloss.lobe(type(problem.pairs.phases))

@@ -115,7 +115,7 @@ def solve(
         )
         start = start_of(data, theta, effort.n_early)
     else:
-        start = resume(data, before.solution, effort.n_early)
+        start = resume(data, before.solution, effort.n_early, problem.start)
     solution = run(data, RECIPES[purpose](effort), start, progress)
     if before is None:
         return solution

@@ -19,9 +19,9 @@ class Settings:
     """Speed against accuracy."""
     solver: Literal["lm", "adam"] = "lm"
     """Per-pixel Levenberg-Marquardt, or the decoder of the EventSpecPS paper."""
-    shadows: Literal["auto", "off", "scene", "estimate", "downweight"] = "auto"
+    shadows: Literal["auto", "off", "scene", "estimate", "latent", "downweight"] = "auto"
     """Cast shadows: left out, traced on the scene's geometry, traced on the depth that the fitted normals give,
-    down-weighted as outliers, or decided from what they would change."""
+    found in the events of each pixel, down-weighted as outliers, or decided from what they would change."""
     leds: Literal["auto", "near", "far"] = "auto"
     """LEDs at finite distance: direction and fall-off per pixel, one for all pixels, or decided from the parallax."""
     light_paths: Literal["auto", "direct", "indirect"] = "auto"

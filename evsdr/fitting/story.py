@@ -18,7 +18,7 @@ from evsdr.effects.near_leds import DepthOfNearLeds, NearLeds
 from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.sensitivity import mean_error
-from evsdr.effects.shadows import Shadows, ShadowsOnFit
+from evsdr.effects.shadows import Shadows, ShadowsInEvents, ShadowsOnFit
 from evsdr.effects.shared import find_shared, widened
 from evsdr.effects.thresholds import Thresholds, ThresholdScale
 from evsdr.effects.wiring import Wiring
@@ -51,6 +51,7 @@ EFFECTS = (
     ThresholdScale(),
     PhotoreceptorLag(),
     ShadowsOnFit(),
+    ShadowsInEvents(),
     DepthOfNearLeds(),
     RaysOnFit(),
     IndirectLight(),

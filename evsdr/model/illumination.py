@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import numpy as np
 
+from evsdr.model.arrays import owned
+
 HARD = 1e-3  # softness of a horizon that is hard for all purposes
 OF_SPREAD = 0.8  # softness of a horizon over which n . l is spread, see `pixel_horizon`
 
@@ -59,6 +61,19 @@ class Illumination:
         indirect = None if self.indirect is None else [pick(e) for e in self.indirect]
         dr.make_opaque(direction, irradiance, indirect)
         return replace(self, direction=direction, irradiance=irradiance, indirect=indirect)
+
+    def seen(self, share: np.ndarray) -> "Illumination":
+        """Multiply the irradiance of each LED by its visibility, share (n_led, n_pixel)."""
+        Float = type(self.irradiance[0])
+        irradiance = [e * owned(Float, row) for e, row in zip(self.irradiance, share)]
+        dr.make_opaque(irradiance)
+        return replace(self, irradiance=irradiance)
+
+    def share_of(self, whole: "Illumination", n_pixel: int) -> np.ndarray:
+        """Give what is left (n_led, n_pixel) of the irradiance of the same light without cast shadows."""
+        rows = ((e.numpy(), w.numpy()) for e, w in zip(self.irradiance, whole.irradiance))
+        shares = (np.where(w > 0, e / np.where(w > 0, w, 1), 1) for e, w in rows)
+        return np.stack([np.broadcast_to(np.minimum(s, 1), n_pixel) for s in shares]).astype(np.float32)
 
     def far(self, whole: "Illumination", pixel: np.ndarray) -> "Illumination":
         """Give every LED one direction and one irradiance, the means over some pixels; visibility stays.

@@ -102,7 +102,9 @@ def start_of(data: Data, theta: list, n_early: int | None = None, spread: tuple 
     return State(theta, first_spread(Float, spread) if thresholds else [], pairs=pairs, softness=softness)
 
 
-def resume(data: Data, solution: Solution, n_early: int | None = None) -> State:
-    """Go on from a solution, with thresholds unknown if they were."""
-    theta = columns(type(data.constant_light), solution.all_theta)
+def resume(
+    data: Data, solution: Solution, n_early: int | None = None, theta: np.ndarray | None = None
+) -> State:
+    """Go on from a solution, or from other unknowns (n_pixel, n_unknown); with thresholds unknown if they were."""
+    theta = columns(type(data.constant_light), solution.all_theta if theta is None else theta)
     return start_of(data, theta, n_early, solution.threshold_prior)

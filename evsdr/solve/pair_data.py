@@ -9,6 +9,9 @@ import numpy as np
 
 from evsdr.model.arrays import owned
 
+SILENT_LISTS = "silent_phases", "silent_probes", "silent_bias"
+THRESHOLDS = "threshold_on", "threshold_off"
+
 
 @dataclass(frozen=True)
 class PairData:
@@ -65,24 +68,32 @@ class PairData:
         """Give which of the lists beside the phases there are."""
         return [name for name in ("bias", "weight") if getattr(self, name) is not None]
 
-    def of_pixels(self, pixel: np.ndarray) -> "PairData":
-        """Keep the pairs of some pixels, without silences."""
-        first = self.offset.numpy().astype(np.int64)
-        k = np.concatenate([np.arange(first[i], first[i + 1]) for i in pixel])
-        kept = np.append(0, np.cumsum(np.diff(first)[pixel]))
-        return replace(
-            self,
-            offset=owned(type(self.offset), kept),
-            phases=owned(type(self.phases), self.phases.numpy().reshape(-1, 2)[k].ravel()),
-            threshold_on=owned(type(self.phases), self.threshold_on.numpy()[pixel]),
-            threshold_off=owned(type(self.phases), self.threshold_off.numpy()[pixel]),
-            silent_offset=None,
-            silent_phases=None,
-            silent_probes=None,
-            silent_bias=None,
-            probes=None,
-            **{name: owned(type(self.phases), getattr(self, name).numpy()[k]) for name in self.extras},
-        )
+    @property
+    def silent_lists(self) -> list[str]:
+        """Give which lists of silences there are."""
+        return [name for name in SILENT_LISTS if getattr(self, name) is not None]
+
+    def of_pixels(self, pixel: np.ndarray, silences: bool = False) -> "PairData":
+        """Keep the pairs of some pixels, which may come more than once, and their silences if asked for."""
+        UInt32, Float = type(self.offset), type(self.phases)
+
+        def part(offset, names):
+            first = offset.numpy().astype(np.int64)
+            count = np.diff(first)[pixel]
+            new = np.append(0, np.cumsum(count))
+            k = np.arange(new[-1]) + np.repeat(first[pixel] - new[:-1], count)
+            n = max(first[-1], 1)
+            lists = {name: getattr(self, name) for name in names}
+            return new, {a: owned(type(v), v.numpy().reshape(n, -1)[k].ravel()) for a, v in lists.items()}
+
+        offset, lists = part(self.offset, ["phases", *self.extras])
+        if silences and self.silent_offset is not None:
+            silent_offset, more = part(self.silent_offset, self.silent_lists)
+            lists |= more | {"silent_offset": owned(UInt32, silent_offset), "probes": self.probes}
+        else:
+            lists |= dict.fromkeys(("silent_offset", "probes", *SILENT_LISTS))
+        thresholds = {name: owned(Float, getattr(self, name).numpy()[pixel]) for name in THRESHOLDS}
+        return replace(self, offset=owned(UInt32, offset), **thresholds, **lists)
 
 
 def without(pairs: PairData, ignored: np.ndarray) -> PairData:
@@ -116,9 +127,7 @@ def _choose(pairs: PairData, kept: Callable) -> PairData:
     pairs = replace(pairs, offset=offset, **dict(zip(names, lists)))
     if pairs.silent_offset is None:
         return pairs
-    names = [
-        name for name in ("silent_phases", "silent_probes", "silent_bias") if getattr(pairs, name) is not None
-    ]
+    names = pairs.silent_lists
     silent_offset, *lists = part(pairs.silent_offset, *(getattr(pairs, name) for name in names))
     return replace(pairs, silent_offset=silent_offset, **dict(zip(names, lists)))
 

@@ -37,6 +37,8 @@ class Problem:
         Their gloss.
     view : Array3f, optional
         Unit vectors from surface to camera, see `GlossyRing`.
+    start : (n_pixel, n_unknown) float32, optional
+        Unknowns to start from that go with the light, better than those of an earlier fit.
     """
 
     pixel: np.ndarray
@@ -46,6 +48,7 @@ class Problem:
     grid: Grid
     lobe: object = None
     view: object = None
+    start: np.ndarray | None = None
 
     @property
     def n_pixel(self) -> int:
@@ -129,7 +132,7 @@ def _of_list(offset: np.ndarray, mask: np.ndarray, heard: np.ndarray, UInt32: ty
 
 
 def _of_pixels(light: Illumination, pixel) -> Illumination:
-    """Keep the light of some pixels, with a constant light above 0."""
+    """Keep the light of some pixels, UInt32 (n), with a constant light above 0."""
     brightest = max(float(dr.max(e)[0]) for e in light.irradiance)
     constant_light = dr.opaque(
         type(light.constant_light), max(float(light.constant_light[0]), DARK * brightest)

@@ -3,10 +3,15 @@
 from dataclasses import replace
 
 import drjit as dr
+import numpy as np
 import pytest
 
-from evsdr.effects.shadows import Shadows, ShadowsOnFit
+from evsdr.effects.effect import Decision
+from evsdr.effects.shadows import EXPLAINED, Shadows, ShadowsInEvents, ShadowsOnFit
+from evsdr.effects.world import Fitted, World
 from evsdr.light.scene import load_scene
+from evsdr.records import Maps
+from evsdr.solve.visibility import Seen
 from tests.conftest import REPOSITORY
 from tests.support.worlds import load, with_ball, world_of
 
@@ -50,4 +55,69 @@ def test_what_is_asked_for_is_done(tmp_path, asked):
 def test_a_known_shape_casts_no_estimated_shadow(tmp_path):
     world = world_of(load(tmp_path, with_ball(0.7)))
     assert ShadowsOnFit().decide("auto", world, None) is None
-    assert ShadowsOnFit().decide("off", replace(world), None) is None
+    assert ShadowsOnFit().decide("off", world, None) is None
+
+
+# ---------------------------------------------------------------------- what the events tell
+
+
+@pytest.fixture
+def heard(tmp_path, monkeypatch):
+    """A world in which the first five LEDs are hidden from some pixels, by so much of the misfit explained."""
+    world = world_of(load(tmp_path, with_ball(9.0)))
+    pixel = np.flatnonzero(world.mask)
+    share = np.ones((world.ring.leds.n_led, len(pixel)), np.float32)
+
+    def hear(n_pixel, explained):
+        share[:5, :n_pixel] = 0
+        gain = np.where(np.arange(len(pixel)) < n_pixel, 50.0, 0.0)
+        seen = Seen(share, np.zeros((len(pixel), 10)), gain < 0, gain, explained)
+        monkeypatch.setattr(World, "seen", lambda self, fitted: seen)
+        normal = np.broadcast_to(np.float32([0, 0, 1]), (*world.mask.shape, 3))
+        grey = np.full((*world.mask.shape, world.ring.leds.n_band), 0.5, np.float32)
+        nothing = np.zeros(world.mask.shape, np.float32)
+        maps = Maps(normal, grey, world.mask, nothing, nothing, np.zeros(1))
+        problem = type("Problem", (), {"pixel": pixel})()
+        return world, Fitted(problem, None, maps)
+
+    return hear
+
+
+def test_hidden_leds_are_modelled_where_they_explain_the_misfit(heard):
+    decision = ShadowsInEvents().decide("auto", *heard(300, EXPLAINED + 0.1))
+    assert decision.modelled and decision.expected_deg > 0.05 and decision.found["pixels"] == 300
+    assert decision.why.startswith("found: ") and "in 300 pixels" in decision.why
+
+
+def test_misfit_of_another_cause_hides_no_led(heard):
+    world, fitted = heard(300, EXPLAINED - 0.1)
+    decision = ShadowsInEvents().decide("auto", world, fitted)
+    assert not decision.modelled and decision.why.endswith("but it explains only 25% of what is wrong there")
+    assert ShadowsInEvents().decide("latent", world, fitted).modelled
+
+
+def test_few_hidden_leds_do_not_count(heard):
+    world, fitted = heard(1, 0.9)
+    decision = ShadowsInEvents().decide(
+        "auto", replace(world, terms=replace(world.terms, limit_deg=1.0)), fitted
+    )
+    assert not decision.modelled and "less than 1" in decision.why
+
+
+def test_what_is_traced_stays_if_the_events_add_nothing(heard):
+    world, fitted = heard(0, 0.0)
+    assert ShadowsInEvents().decide("auto", world, fitted).why == "not modelled: the events show none"
+    traced = replace(world, decisions={"cast shadows": Decision("cast shadows", True, "traced")})
+    assert ShadowsInEvents().decide("auto", traced, fitted) is None
+
+
+@pytest.mark.parametrize("asked", ["off", "scene", "estimate", "downweight"])
+def test_events_are_not_asked_for_shadows_if_users_say_how(heard, asked):
+    assert ShadowsInEvents().decide(asked, *heard(300, 0.9)) is None
+
+
+def test_hidden_leds_are_dark_in_the_light(heard):
+    world, fitted = heard(300, 0.9)
+    light = ShadowsInEvents().model(world).illumination(fitted)
+    first, last = (light.irradiance[j].numpy()[np.flatnonzero(world.mask)] for j in (0, -1))
+    assert (first[:300] == 0).all() and (first[300:] > 0).all() and (last > 0).all()

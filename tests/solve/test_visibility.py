@@ -1,0 +1,166 @@
+"""What pixels see of the LEDs is found from their events, where something hides some."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from evsdr.events.pairs import pair_events
+from evsdr.solve import visibility
+from evsdr.solve.problem import make_problem
+from evsdr.solve.visibility import (
+    ARC,
+    MISMATCH,
+    MISTOLD,
+    PARTIAL,
+    Guess,
+    Judge,
+    arcs,
+    changes,
+    find_visibility,
+)
+from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
+from tests.support.sphere import SPECTRUM, errors, record_signal, ring_light, solve
+
+SIZE = 20
+HIDDEN = np.arange(5, 10)  # LEDs that a wall hides from the upper right quarter
+
+
+@pytest.fixture(scope="module")
+def shadowed():
+    """A sphere, a quarter of which does not see five LEDs: the problem, its solution without that, truth and quarter."""
+    normal, mask = sphere_normals(SIZE)
+    signal = lambert_signals(normal, np.broadcast_to(SPECTRUM, (SIZE, SIZE, 8)), ring_directions())
+    signal = np.where(mask, signal, 0)
+    quarter = np.zeros_like(mask)
+    quarter[: SIZE // 2, SIZE // 2 :] = True
+    signal[HIDDEN] = np.where(quarter, 0, signal[HIDDEN])
+    recording = record_signal(signal, event_noise=0.02)
+    problem = make_problem(recording, pair_events(recording, mask), ring_light(), mask)
+    return problem, solve(problem), normal[mask], quarter[mask]
+
+
+def everything(problem):
+    return np.ones((24, problem.n_pixel), np.float32)
+
+
+@pytest.fixture(scope="module")
+def seen(shadowed):
+    problem, solution, *_ = shadowed
+    return find_visibility(problem, solution, everything(problem))
+
+
+def is_lit(truth):
+    """Tell which LEDs a surface clearly faces: others may be hidden or not."""
+    return ring_directions() @ truth.T > 0.25
+
+
+def test_hidden_leds_are_found_and_no_others(shadowed, seen):
+    _, _, truth, quarter = shadowed
+    lit = is_lit(truth)
+    real = np.isin(np.arange(24), HIDDEN)[:, None] & quarter & lit
+    assert np.mean(seen.share[real] < 0.5) > 0.8
+    assert np.mean(seen.share[lit & ~real] > 0.5) > 0.98
+    assert seen.explained > 0.7 and seen.share.dtype == np.float32
+
+
+def test_maps_come_with_it(shadowed, seen):
+    problem, solution, truth, quarter = shadowed
+    before = errors(solution, truth)[0][quarter].mean()
+    after = errors(replace(solution, theta=seen.theta), truth)[0][quarter].mean()
+    assert before > 8 and after < 0.35 * before
+
+
+def test_what_stays_keeps_its_maps(shadowed, seen):
+    same = (seen.share == 1).all(axis=0)
+    assert same.sum() > 100 and (seen.gain[same] == 0).all() and (seen.gain[~same] > 0).all()
+    np.testing.assert_array_equal(seen.theta[same], shadowed[1].all_theta[same])
+
+
+def test_nothing_is_found_where_nothing_hides(monkeypatch):
+    normal, mask = sphere_normals(12)
+    signal = lambert_signals(normal, np.broadcast_to(SPECTRUM, (12, 12, 8)), ring_directions())
+    recording = record_signal(np.where(mask, signal, 0), event_noise=0.02)
+    problem = make_problem(recording, pair_events(recording, mask), ring_light(), mask)
+    found = find_visibility(problem, solve(problem), everything(problem))
+    assert (found.share == 1).all() and not found.untold.any() and found.explained < 0.1
+
+
+def test_few_pixels_teach_the_others(shadowed, seen, monkeypatch):
+    """Arcs are tried in a tenth of the pixels."""
+    problem, solution, truth, quarter = shadowed
+    monkeypatch.setattr(visibility, "MOST_SEARCHED", 10)
+    found = find_visibility(problem, solution, everything(problem))
+    lit = is_lit(truth)
+    assert np.mean((found.share < 0.5) == (seen.share < 0.5), where=lit) > 0.98
+
+
+def test_a_wrong_trace_is_overruled_and_a_right_one_taken(shadowed):
+    problem, solution, truth, quarter = shadowed
+    right = everything(problem)
+    right[np.ix_(HIDDEN, quarter)] = 0
+    wrong = everything(problem)
+    wrong[np.ix_(HIDDEN, ~quarter)] = 0
+    lit = is_lit(truth)
+    for traced, share in ((right, 0.97), (wrong, 0.9)):
+        found = find_visibility(problem, solution, everything(problem), traced)
+        assert np.mean((found.share < 0.5) == (right < 0.5), where=lit) > share
+
+
+def test_pixels_that_hardly_an_led_reaches_are_untold(shadowed):
+    """With eleven lit LEDs, ten unknowns and one to spare, any visibility does."""
+    problem, solution, *_ = shadowed
+    given = everything(problem)
+    given[11:, 0], given[12:, 1], given[0, 2] = 0, 0, 0
+    theta = solution.theta.copy()
+    theta[:, :2] = 0
+    frontal = replace(solution, theta=theta)
+    untold = visibility.untold(problem, given, frontal.theta)
+    assert untold[0] and not untold[1] and not untold[2] and not untold[3:].any()
+
+
+# ---------------------------------------------------------------------- guesses
+
+
+@pytest.mark.parametrize("n_led", [3, 24, 50])
+def test_arcs_are_contiguous_in_azimuth(n_led):
+    order = np.random.default_rng(0).permutation(n_led)
+    seen = arcs(order)
+    assert (seen[0] == 1).all() and (seen[1:] == 0).any(axis=1).all() and (seen[1:] == 1).any(axis=1).all()
+    ring = seen[1:, order]
+    assert (np.abs(ring - np.roll(ring, 1, axis=1)).sum(axis=1) == 2).all()
+    assert len(np.unique(seen, axis=0)) == len(seen)
+
+
+def test_small_changes():
+    """An arc grows and shrinks at either end, its ends are dimmed, and single LEDs change sides."""
+    share = np.ones((24, 1), np.float32)
+    share[4:8] = 0
+    made = {tuple(c[:, 0].tolist()) for c in changes(share)}
+    grown, shrunk, dimmed, alone, freed = (share.copy() for _ in range(5))
+    grown[3], shrunk[7], dimmed[8], alone[15], freed[5] = 0, 1, 0.5, 0, 1
+    for wanted in (grown, shrunk, dimmed, alone, freed):
+        assert tuple(wanted[:, 0].tolist()) in made
+    assert all(0 <= v <= 1 for c in made for v in c)
+
+
+def test_the_best_guess_of_each_pixel():
+    guess = Guess(np.ones((2, 3), np.float32), np.zeros((3, 1)), np.array([5.0, 5.0, 5.0]))
+    pixel, cost = np.array([1, 1, 0, 2]), np.array([4.0, 3.0, 6.0, 5.0])
+    new = guess.better(pixel, np.zeros((2, 4), np.float32), np.arange(4.0)[:, None], cost)
+    assert new.cost.tolist() == [5, 3, 5] and new.theta[:, 0].tolist() == [0, 1, 0]
+    assert new.share.tolist() == [[1, 0, 1], [1, 0, 1]] and (guess.share == 1).all()
+
+
+@pytest.mark.parametrize(("known", "each"), [(False, MISMATCH), (True, MISTOLD)])
+def test_what_departures_cost(shadowed, known, each):
+    """By hand: two arcs with a half seen LED between, of which one does not face the pixel."""
+    problem, solution, *_ = shadowed
+    traced, facing = everything(problem), np.ones((24, problem.n_pixel), bool)
+    facing[7] = False
+    pixel, share = np.array([3, 3]), np.ones((24, 2), np.float32)
+    share[[5, 6, 7], 0] = 0, 0.5, 0
+    judge = Judge(problem, problem.pairs, solution, np.arange(24), traced, facing, known)
+    np.testing.assert_allclose(judge.prior(pixel, share), [ARC + PARTIAL + 1.5 * each, 0])
+    blind = replace(judge, traced=None)
+    np.testing.assert_allclose(blind.prior(pixel, share), [1.5 * ARC + PARTIAL, 0])
