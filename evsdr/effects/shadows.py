@@ -28,7 +28,7 @@ class Shadows:
 
     def decide(self, asked: str, world: World, fitted: Fitted | None) -> Decision | None:
         """Trace them at pixel centres, where the normals are: others may lie behind the horizon."""
-        if asked != "auto":
+        if asked not in ("auto", "latent"):
             return Decision(self.name, asked == "scene", ASKED[asked])
         if not world.ring.shape_is_known:
             return None
@@ -81,7 +81,7 @@ class ShadowsInEvents:
         why = f"{'found' if modelled else 'not modelled'}: {found}; {against(error, error > limit, limit)}"
         if not modelled and error > limit:
             why += f", but it explains only {seen.explained:.0%} of what is wrong there"
-        return Decision(self.name, modelled, why, error, {"blocked": share, "pixels": n_changed})
+        return Decision(self.name, modelled, why, error, {"blocked": share, "pixels": n_changed}, seen)
 
     def model(self, world: World, decision: Decision | None = None) -> World:
         """Ask whenever maps or surface have changed."""

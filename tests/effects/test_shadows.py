@@ -26,6 +26,13 @@ def test_auto_traces_shadows_that_fall_on_the_object(tmp_path, distance, traced)
     assert decision.why.startswith(begins)
 
 
+@pytest.mark.parametrize("distance", [0.7, 9.0])
+def test_latent_starts_from_what_auto_traces(tmp_path, distance):
+    world = world_of(load(tmp_path, with_ball(distance)))
+    auto, latent = (Shadows().decide(asked, world, None) for asked in ("auto", "latent"))
+    assert latent == auto
+
+
 def test_another_limit_decides_otherwise(tmp_path):
     world = world_of(load(tmp_path, with_ball(0.7)), limit_deg=30.0)
     decision = Shadows().decide("auto", world, None)
@@ -87,6 +94,7 @@ def test_hidden_leds_are_modelled_where_they_explain_the_misfit(heard):
     decision = ShadowsInEvents().decide("auto", *heard(300, EXPLAINED + 0.1))
     assert decision.modelled and decision.expected_deg > 0.05 and decision.found["pixels"] == 300
     assert decision.why.startswith("found: ") and "in 300 pixels" in decision.why
+    assert decision.answer.share[:5, :300].max() == 0
 
 
 def test_misfit_of_another_cause_hides_no_led(heard):
