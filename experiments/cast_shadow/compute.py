@@ -1,21 +1,32 @@
-"""Recordings with cast shadows, fitted in four ways; errors inside and outside of the shadow."""
+"""Recordings with cast shadows, fitted in each way; errors inside and outside of the shadow."""
 
 import os
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from shutil import copytree, ignore_patterns
 
 import numpy as np
 import trimesh
 
 import evsdr
-from evsdr import InputWarning, Maps, Settings, angular_error_deg
+from evsdr import Fit, InputWarning, Maps, Recording, Settings, Truth, angular_error_deg
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = REPOSITORY / "scenes"
-WAYS = ("off", "downweight", "estimate", "scene", "auto")
-MESHES = {"nefertiti": "nefertiti-lowres.obj", "skull": "skull_low_resolution.obj"}
-BLOCKED = 0.5  # visibility below which an LED counts as shadowed
+WAYS = ("off", "downweight", "estimate", "auto", "latent", "scene")
+MESHES = {
+    "nefertiti": "nefertiti-lowres.obj",
+    "skull": "skull_low_resolution.obj",
+    "goathead": "goathead.obj",
+    "lion statue": "lionstatue.obj",
+    "Demosthenes": "demosthenes-low-res.obj",
+}
+BLOCKED = 0.5  # visibility below which an LED counts as hidden
+FACING = 0.05  # cosine from which a surface that faces an LED should be lit
+MOVED = 0.02  # of the pole: 1 % of the sphere's diameter
+RAYS = 4  # per pixel, for the true visibility
+THRESHOLDS = "contrast_threshold_on", "contrast_threshold_off"
 
 
 @dataclass(frozen=True)
@@ -27,13 +38,32 @@ class Case:
     name : str
     scene : Path
         What is recorded.
-    unknown : Path
-        The scene for shadows `estimate`: where the shape is not told, or the same.
+    told : Path
+        The scene that it is fitted with: where the shape is unknown, a rectangle stands for it.
+    known : Path
+        The same for shadows `scene`.
     """
 
     name: str
     scene: Path
-    unknown: Path
+    told: Path
+    known: Path
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """Cast shadows as they are.
+
+    Attributes
+    ----------
+    direction : (n_led, n_pixel, 3) float
+        Unit vectors from surface to light.
+    hidden : (H, W) int
+        How many LEDs that the pixel faces are hidden from it.
+    """
+
+    direction: np.ndarray
+    hidden: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -44,24 +74,51 @@ class Result:
     ----------
     way : str
         Of `WAYS`.
-    error_deg : (H, W) float
-        Angular error of the normals.
-    rms : (H, W) float
-        Root mean square error of the reflectance over the bands, per pixel.
-    inside, outside : (H, W) bool
-        Pixels of the truth in the shadow of some LED that they face, and the others.
+    maps : Maps
+    truth : Truth
+    hidden : (H, W) int
+        LEDs that are hidden from each pixel that faces them, in truth.
+    found : (H, W) int, optional
+        The same as the events told, where that is modelled.
     seconds : float
         Of the fit.
-    maps : Maps
     """
 
     way: str
-    error_deg: np.ndarray
-    rms: np.ndarray
-    inside: np.ndarray
-    outside: np.ndarray
-    seconds: float
     maps: Maps
+    truth: Truth
+    hidden: np.ndarray
+    found: np.ndarray | None
+    seconds: float
+
+    @property
+    def known(self) -> np.ndarray:
+        """Pixels (H, W) of the object that the fit knows."""
+        return self.truth.mask & self.maps.mask
+
+    @property
+    def inside(self) -> np.ndarray:
+        """Known pixels (H, W) in the shadow of some LED that they face."""
+        return self.known & (self.hidden > 0)
+
+    @property
+    def outside(self) -> np.ndarray:
+        """Known pixels (H, W) that see all LEDs that they face."""
+        return self.known & (self.hidden == 0)
+
+    @property
+    def error_deg(self) -> np.ndarray:
+        """Angular error (H, W) of the normals [deg]."""
+        return angular_error_deg(self.maps.normal, self.truth.normal)
+
+    @property
+    def rms(self) -> np.ndarray:
+        """Root mean square error (H, W) of the reflectance over the bands."""
+        return np.sqrt(np.mean((self.maps.reflectance - self.truth.reflectance) ** 2, axis=-1))
+
+    def within(self, n_sigma: float) -> float:
+        """Give the share of the known pixels whose normals are within so many sigmas."""
+        return float(np.mean((self.error_deg <= n_sigma * self.maps.normal_sigma_deg)[self.known]))
 
 
 def data_folder() -> Path:
@@ -71,16 +128,22 @@ def data_folder() -> Path:
 
 def cases(folder: Path) -> list[Case]:
     """List what can be recorded; scenes of meshes are written into the folder, where the meshes are present."""
+    pole, soft, two, relief = (
+        SCENES / f"{name}.xml" for name in ("sphere_pole", "soft_ring", "two_spheres", "relief")
+    )
+    bare, unknown, moved = SCENES / "sphere.xml", SCENES / "relief_unknown.xml", write_moved_pole(folder)
     out = [
-        Case("sphere and pole", SCENES / "sphere_pole.xml", SCENES / "sphere_pole.xml"),
-        Case("square LEDs", SCENES / "soft_ring.xml", SCENES / "soft_ring.xml"),
-        Case("relief", SCENES / "relief.xml", SCENES / "relief_unknown.xml"),
-        Case("two spheres", SCENES / "two_spheres.xml", SCENES / "two_spheres.xml"),
+        Case("sphere and pole", pole, pole, pole),
+        Case("a forgotten pole", pole, bare, bare),
+        Case("a moved pole", pole, moved, moved),
+        Case("square LEDs", soft, soft, soft),
+        Case("two spheres", two, two, two),
+        Case("relief", relief, unknown, relief),
     ]
     for name, file in MESHES.items():
         if (data_folder() / file).is_file():
             scene = write_mesh_scene(name, data_folder() / file, folder)
-            out.append(Case(name, scene, scene))
+            out.append(Case(name, scene, unknown, scene))
     return out
 
 
@@ -103,43 +166,65 @@ def write_mesh_scene(name: str, file: Path, folder: Path) -> Path:
     return scene
 
 
+def write_moved_pole(folder: Path) -> Path:
+    """Write the sphere and its pole, which stands `MOVED` to the right of its place."""
+    folder = folder / "moved_pole"
+    copytree(SCENES, folder, dirs_exist_ok=True, ignore=ignore_patterns("*.py", "*.ply", "__pycache__"))
+    text = (SCENES / "pole.xml").read_text()
+    for x in (-0.28, -0.16):
+        text = text.replace(f'x="{x}"', f'x="{x + MOVED:.2f}"')
+    (folder / "pole.xml").write_text(text)
+    return folder / "sphere_pole.xml"
+
+
 def run(case: Case, size: int) -> list[Result]:
-    """Record once, fit in each way."""
+    """Record once, fit in each way; where `auto` finds hidden LEDs, it is `latent`."""
     recording, truth = evsdr.simulate(evsdr.load_scene(case.scene, size=size))
-    inside = in_shadow(case.scene, size)
-    results = []
+    shadow, recording = true_shadow(case.scene, truth, size), one_value(recording)
+    results = {}
     for way in WAYS:
-        scene = evsdr.load_scene(case.unknown if way == "estimate" else case.scene, size=size)
+        if way == "latent" and results["auto"].found is not None:
+            results[way] = replace(results["auto"], way=way)
+            continue
+        scene = evsdr.load_scene(case.known if way == "scene" else case.told, size=size)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)
-            found = evsdr.fit(scene, recording, Settings(shadows=way))
-        maps = found.maps
-        mask = truth.mask & maps.mask
-        results.append(
-            Result(
-                way,
-                angular_error_deg(maps.normal, truth.normal),
-                np.sqrt(np.mean((maps.reflectance - truth.reflectance) ** 2, axis=-1)),
-                mask & inside,
-                mask & ~inside,
-                sum(found.summary["seconds"].values()),
-                maps,
-            )
-        )
-    return results
+            fit = evsdr.fit(scene, recording, Settings(shadows=way), truth.mask)
+        found, seconds = found_hidden(fit, shadow, truth), sum(fit.summary["seconds"].values())
+        results[way] = Result(way, fit.maps, truth, shadow.hidden, found, seconds)
+    return list(results.values())
 
 
-def in_shadow(scene: Path, size: int) -> np.ndarray:
-    """Tell which pixels lie in the shadow of an LED that they face."""
+def one_value(recording: Recording) -> Recording:
+    """Tell the thresholds as a user's camera does: one value for all pixels."""
+    sensor = recording.sensor
+    mean = {name: float(np.mean(getattr(sensor, name))) for name in THRESHOLDS}
+    return replace(recording, sensor=replace(sensor, **mean))
+
+
+def true_shadow(scene: Path, truth: Truth, size: int) -> Shadow:
+    """Trace what is hidden from each pixel."""
     ring = evsdr.load_scene(scene, size=size)
-    from evsdr.light.ground_truth import object_normals
     from evsdr.light.tracing import trace_illumination
 
-    plain, _ = trace_illumination(ring, 4, False)
-    traced, _ = trace_illumination(ring, 4, True)
-    normal = object_normals(ring).reshape(-1, 3)
-    out = np.zeros(len(normal), bool)
-    for direction, free, lit in zip(plain.direction, plain.irradiance, traced.irradiance):
-        faces = np.sum(normal * np.broadcast_to(np.array(direction).T, normal.shape), axis=-1) > 0.05
-        out |= faces & (lit.numpy() < BLOCKED * free.numpy())
-    return out.reshape(size, size)
+    plain, traced = (trace_illumination(ring, RAYS, shadows)[0] for shadows in (False, True))
+    n_pixel = size * size
+    direction = np.array([np.broadcast_to(np.array(d).T, (n_pixel, 3)) for d in plain.direction])
+    visible = traced.share_of(plain, n_pixel)
+    return Shadow(direction, n_hidden(visible, direction, truth.normal) * truth.mask)
+
+
+def n_hidden(visible: np.ndarray, direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Count the LEDs that each pixel (H, W) faces and does not see, by visibility (n_led, n_pixel)."""
+    faces = np.einsum("jnk,nk->jn", direction, normal.reshape(-1, 3)) > FACING
+    return np.sum(faces & (visible < BLOCKED), axis=0).reshape(normal.shape[:2])
+
+
+def found_hidden(fit: Fit, shadow: Shadow, truth: Truth) -> np.ndarray | None:
+    """Count the same as the events told when they were first asked; None if that is not modelled."""
+    decision = fit.decisions["cast shadows"]
+    if not decision.modelled or decision.answer is None:
+        return None
+    pixel = np.flatnonzero(truth.mask)
+    visible = decision.answer.everywhere(pixel, truth.mask.size)
+    return n_hidden(visible, shadow.direction, fit.maps.normal)

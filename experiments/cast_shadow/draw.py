@@ -1,4 +1,4 @@
-"""Draw the normals and error maps of each way, with the outline of the shadow."""
+"""Draw the normals and errors of each way, and the number of LEDs that are hidden, in truth and as found."""
 
 from pathlib import Path
 
@@ -10,22 +10,34 @@ import numpy as np
 
 from .compute import Result
 
-LARGEST_DEG, LARGEST_RMS = 10.0, 0.1  # of the colour scales
+LARGEST_DEG = 10.0  # of the colour scale
+INCHES = 1.7  # of a map
+DPI = 72  # keeps the file below 150 kB
 
 
 def draw(results: list[Result], file: Path) -> None:
-    """Draw a column for each way: normals, angular error, error of the reflectance."""
-    figure, axes = plt.subplots(3, len(results), figsize=(2.4 * len(results), 7), layout="constrained")
-    for column, r in zip(axes.T, results):
-        mask = r.inside | r.outside
-        column[0].imshow(np.where(mask[..., None], 0.5 * (r.maps.normal + 1), 1))
-        column[0].set_title(f"{r.way}: {r.error_deg[mask].mean():.2f}°, {r.rms[mask].mean():.3f}", fontsize=9)
-        angle = column[1].imshow(np.where(mask, r.error_deg, np.nan), vmin=0, vmax=LARGEST_DEG, cmap="magma")
-        rms = column[2].imshow(np.where(mask, r.rms, np.nan), vmin=0, vmax=LARGEST_RMS, cmap="magma")
-        for axis in column:
-            axis.contour(r.inside, [0.5], colors="cyan", linewidths=0.3)
-            axis.axis("off")
-    figure.colorbar(angle, ax=axes[1], label="angle [deg]")
-    figure.colorbar(rms, ax=axes[2], label="reflectance, RMS over bands")
-    figure.savefig(file, dpi=73)
+    """Draw a column for the truth and for each way, and last the hidden LEDs in truth above those found first."""
+    n_column = len(results) + 2
+    size = INCHES * n_column, 2 * INCHES + 0.6
+    figure, axes = plt.subplots(2, n_column, figsize=size, layout="constrained")
+    for axis in axes.flat:
+        axis.axis("off")
+    truth, hidden = results[0].truth, results[0].hidden
+    _show(axes[0, 0], "truth", 0.5 * (truth.normal + 1), truth.mask[..., None])
+    for (above, below), r in zip(axes.T[1:], results):
+        title = f"{r.way}: {r.error_deg[r.known].mean():.2f}°"
+        _show(above, title, 0.5 * (r.maps.normal + 1), r.known[..., None])
+        angle = _show(below, "", r.error_deg, r.known, vmin=0, vmax=LARGEST_DEG, cmap="magma")
+    figure.colorbar(angle, ax=axes[1, -2], label="angle [deg]")
+    counts = {"hidden LEDs": hidden} | {f"as {r.way} finds": r.found for r in results if r.found is not None}
+    for axis, (title, count) in zip(axes[:, -1], counts.items()):
+        number = _show(axis, title, count, truth.mask, vmin=0, vmax=max(hidden.max(), 1))
+    figure.colorbar(number, ax=axes[:, -1])
+    figure.savefig(file, dpi=DPI)
     plt.close(figure)
+
+
+def _show(axis, title: str, values: np.ndarray, mask: np.ndarray, **scale):
+    """Show a map, white where it is masked; gives what a colour bar needs."""
+    axis.set_title(title, fontsize=9)
+    return axis.imshow(np.where(mask, values, np.nan if scale else 1), interpolation="nearest", **scale)

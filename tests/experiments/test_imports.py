@@ -18,7 +18,7 @@ MEASURED = {
     "daylight_table.py": {"files.daylight"},
     "diligent_ball": {"files.photographs"},
     "gloss": {"fitting.simulation", "light"},  # adds a lobe to rendered images
-    "limit": {"limits", "jit"},
+    "limit": {"limits", "jit", "events", "model", "solve"},  # fits single pixels under the model's own light
     "picture.py": {"files.daylight"},
     "shared": {"solve.shared"},
 }
