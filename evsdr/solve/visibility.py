@@ -36,6 +36,8 @@ LENGTHS = 1 / 12, 1 / 6, 1 / 3, 1 / 2, 3 / 4  # of arcs, of the ring
 N_BEGIN = 8  # places where arcs begin
 SHARES = 0.2, 0.5, 0.8  # of LEDs at the ends of an arc
 N_MOST = 48  # events of a pixel that count
+N_PROBED = 100  # pixels, those of the largest misfit, that tell whether it is worth a search
+LEAST_EXPLAINED = 0.15  # share of their misfit that arcs must explain; measured: 0.03 where nothing is hidden, above 0.4 else
 MOST_SEARCHED = 1500  # pixels that try all arcs; others learn from these
 N_ROUND = 4  # of small changes
 AT_ONCE = 60_000  # guesses that are solved together
@@ -209,22 +211,43 @@ def find_visibility(
     first = Guess(share, *judge(pixel, share, solution.all_theta, ((None, 8),)))
     before, usual = judge.excess(first)
     pixel = suspected = suspects(judge, first, before)
+    none = np.zeros(problem.n_pixel)
+    nothing = Seen(share, solution.all_theta, none > 0, none)
     if len(pixel) == 0:
-        none = np.zeros(problem.n_pixel)
-        return Seen(share, solution.all_theta, none > 0, none)
-    best = _try_arcs(judge, first, pixel)
+        return nothing
+
+    def explained(guess: Guess, among: np.ndarray) -> float:
+        after = judge.excess(guess, usual)[0]
+        return float(1 - _positive(after[among]) / max(_positive(before[among]), 1))
+
+    best = first
+    if known or (share == 1).all():
+        worst = np.sort(pixel[np.argsort(-before[pixel], kind="stable")[:N_PROBED]])
+        probe = _try_arcs(judge, _try_traced(judge, first, worst), worst)
+        if explained(_try_changes(judge, probe, worst), worst) < LEAST_EXPLAINED:
+            return nothing
+        best = _try_arcs(judge, first, pixel)
+    best = _try_traced(judge, best, pixel)
     for _ in range(N_ROUND):
         last = best
         best = _try_neighbours(judge, _try_changes(judge, best, pixel), pixel)
         pixel = pixel[best.cost[pixel] < last.cost[pixel] - TOLERANCE]
         if len(pixel) == 0:
             break
-    after = judge.excess(best, usual)[0]
-    explained = 1 - np.maximum(after, 0)[suspected].sum() / max(np.maximum(before, 0)[suspected].sum(), 1)
     same = (best.share == share).all(axis=0)
     theta = np.where(same[:, None], solution.all_theta, best.theta)
     blank = untold(problem, best.share, theta) & (not known)
-    return Seen(best.share, theta, blank, np.where(same, 0, first.cost - best.cost), float(explained))
+    gain = np.where(same, 0, first.cost - best.cost)
+    return Seen(best.share, theta, blank, gain, explained(best, suspected))
+
+
+def _some(pixel: np.ndarray, most: int) -> np.ndarray:
+    """Choose at most so many pixels, evenly."""
+    return pixel[:: -(-len(pixel) // most)]
+
+
+def _positive(excess: np.ndarray) -> float:
+    return float(np.maximum(excess, 0).sum())
 
 
 def facing(problem: Problem, theta: np.ndarray) -> np.ndarray:
@@ -282,21 +305,29 @@ def changes(share: np.ndarray) -> list[np.ndarray]:
 
 def _try_arcs(judge: Judge, best: Guess, pixel: np.ndarray) -> Guess:
     """Try arcs in some pixels, from what is known and from frontal normals; others then learn of the nearest of these."""
-    some = pixel[:: -(-len(pixel) // MOST_SEARCHED)]
+    some = _some(pixel, MOST_SEARCHED)
+    guesses = arcs(judge.order)
+    for theta, descents in _starts(best):
+        for part in np.array_split(guesses, max(1, len(guesses) * len(some) // AT_ONCE)):
+            here, share = np.tile(some, len(part)), np.repeat(part, len(some), axis=0).T
+            best = best.better(here, share, *judge(here, share, theta[here], descents))
+    return _learn_from(judge, best, np.setdiff1d(pixel, some), some) if len(some) < len(pixel) else best
+
+
+def _try_traced(judge: Judge, best: Guess, pixel: np.ndarray) -> Guess:
+    """Try what is traced."""
+    if judge.traced is not None:
+        share = judge.traced[:, pixel]
+        for theta, descents in _starts(best):
+            best = best.better(pixel, share, *judge(pixel, share, theta[pixel], descents))
+    return best
+
+
+def _starts(best: Guess) -> tuple:
+    """Give unknowns to start from, and how to descend: what is known, and frontal normals."""
     flat = np.tile(np.median(best.theta, axis=0), (len(best.theta), 1)).astype(np.float32)
     flat[:, SLOPES] = 0
-    known = best.theta
-    guesses = arcs(judge.order)
-    for theta, descents in ((known, NEAR), (flat, FAR)):
-        for part in np.array_split(np.arange(len(guesses)), max(1, len(guesses) * len(some) // AT_ONCE)):
-            here, share = np.tile(some, len(part)), np.repeat(guesses[part], len(some), axis=0).T
-            best = best.better(here, share, *judge(here, share, theta[here], descents))
-        if judge.traced is not None:
-            share = judge.traced[:, pixel]
-            best = best.better(pixel, share, *judge(pixel, share, theta[pixel], descents))
-    if len(some) < len(pixel):
-        best = _learn_from(judge, best, np.setdiff1d(pixel, some), some)
-    return best
+    return (best.theta, NEAR), (flat, FAR)
 
 
 def _learn_from(judge: Judge, best: Guess, pixel: np.ndarray, teachers: np.ndarray) -> Guess:
