@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evsdr.effects.world import Memo
+from evsdr.effects.world import Fitted, Memo, World
 from evsdr.errors import InputError
 from evsdr.files.events_h5 import read_recording
 from evsdr.model.gloss import GlossyRing
 from evsdr.model.lambert import LambertianRing
+from evsdr.solve.visibility import Seen
 from tests.support.small_scene import leds, scene
 from tests.support.worlds import load, world_of
 
@@ -77,3 +78,46 @@ def test_a_recording_without_pairs_is_named(place, world):
     none = replace(world, recording=replace(recording, source="mine"), mask=np.zeros_like(world.mask))
     with pytest.raises(InputError, match="^mine: No two events"):
         none.pairs()
+
+
+# ---------------------------------------------------------------------- what events tell of shadows
+
+
+@pytest.fixture
+def latent(place, world):
+    """A world that asks events for shadows, and a fit of it that knows none."""
+    world = replace(world, recording=read_recording(place / "events.h5"))
+    return replace(world, shadows="latent"), Fitted(world.problem(), None, None)
+
+
+def test_the_problem_starts_from_what_goes_with_the_visibility(latent, monkeypatch):
+    """Pixels of which no event tells have none, and did not fire."""
+    world, fitted = latent
+    n = fitted.problem.n_pixel
+    share, untold = (
+        np.ones((world.ring.leds.n_led, n), np.float32),
+        np.arange(n) == np.flatnonzero(fitted.problem.fired)[1],
+    )
+    share[2, 5] = 0
+    seen = Seen(share, np.full((n, 4), 0.5, np.float32), untold)
+    monkeypatch.setattr(World, "seen", lambda self, fitted: seen)
+    problem = world.problem(fitted)
+    assert problem.start is seen.theta and (problem.fired == (fitted.problem.fired & ~untold)).all()
+    assert problem.pairs.counts[untold].tolist() == [0] and problem.pairs.counts.sum() > 0
+    dark = problem.illumination.irradiance[2].numpy() == 0
+    assert np.flatnonzero(dark).tolist() == [5]
+    assert world.problem().start is None
+
+
+def test_visibility_stays_once_lobes_are_known(latent):
+    world, fitted = latent
+    share = np.ones((world.ring.leds.n_led, fitted.problem.n_pixel), np.float32)
+    share[1, 3] = 0.25
+    silent = np.flatnonzero(fitted.problem.fired)[:1]
+    fired = fitted.problem.fired.copy()
+    fired[silent] = False
+    problem = replace(fitted.problem, illumination=fitted.problem.illumination.seen(share), fired=fired)
+    solution = type("Solution", (), {"all_theta": np.zeros((problem.n_pixel, 4), np.float32)})()
+    seen = replace(world, gloss=object()).seen(Fitted(problem, solution, None))
+    np.testing.assert_allclose(seen.share, share)
+    assert np.flatnonzero(seen.untold).tolist() == silent.tolist() and seen.theta is solution.all_theta

@@ -30,6 +30,20 @@ def test_light_of_some_pixels(rng):
     assert (few.band, few.spread, few.n_led, few.n_band) == ([1, 0], 0.1, 2, 2)
 
 
+def test_light_that_is_seen_in_part():
+    """Shares go into the irradiance, and come out of it again; what is brighter than the whole is seen."""
+    up = [mi.Vector3f(0, 0, 1)] * 2
+    whole = Illumination(up, [mi.Float([2.0, 3.0, 0.0]), mi.Float(0.5)], [0, 1], mi.Float(0.05))
+    share = np.float32([[0.5, 0, 0.25], [1, 0.2, 0]])
+    part = whole.seen(share)
+    np.testing.assert_allclose(part.irradiance[0].numpy(), [1, 0, 0])
+    np.testing.assert_allclose(part.irradiance[1].numpy(), [0.5, 0.1, 0])
+    again = part.share_of(whole, 3)
+    share[0, 2] = 1  # an LED that gives nothing hides nothing
+    np.testing.assert_allclose(again, share)
+    assert whole.share_of(part, 3).max() == 1 and again.dtype == np.float32
+
+
 def test_the_pixel_horizon_is_the_mean_over_a_curved_pixel():
     """A cylinder lit at grazing angle: max(0, n . l) averaged over each pixel, by many samples."""
     size, radius, light = 16, 12.0, np.radians(60)  # pixels

@@ -107,6 +107,27 @@ def test_a_wrong_trace_is_overruled_and_a_right_one_taken(shadowed):
         assert np.mean((found.share < 0.5) == (right < 0.5), where=lit) > share
 
 
+def test_what_is_traced_is_tried_as_it_is(shadowed, monkeypatch):
+    """Without arcs and small changes."""
+    problem, solution, truth, quarter = shadowed
+    monkeypatch.setattr(visibility, "_try_arcs", lambda judge, best, pixel: best)
+    monkeypatch.setattr(visibility, "N_ROUND", 0)
+    traced, given = everything(problem), everything(problem)
+    traced[np.ix_(HIDDEN, quarter)] = 0
+    given[23, 0] = 0  # something is known already, so that no search is needed to tell
+    found = find_visibility(problem, solution, given, traced)
+    lit = is_lit(truth)[:, quarter]
+    assert np.mean((found.share == traced)[:, quarter], where=lit) > 0.9
+
+
+def test_shadows_of_a_known_shape_leave_no_pixel_untold(shadowed, monkeypatch):
+    """Its visibility is told by more than the events."""
+    problem, solution, *_ = shadowed
+    monkeypatch.setattr(visibility, "untold", lambda problem, share, theta: np.ones(problem.n_pixel, bool))
+    assert not find_visibility(problem, solution, everything(problem), everything(problem), True).untold.any()
+    assert find_visibility(problem, solution, everything(problem), everything(problem)).untold.all()
+
+
 def test_pixels_that_hardly_an_led_reaches_are_untold(shadowed):
     """With eleven lit LEDs, ten unknowns and one to spare, any visibility does."""
     problem, solution, *_ = shadowed
