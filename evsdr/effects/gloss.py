@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import drjit as dr
 import numpy as np
 
 from evsdr.effects.effect import Decision
@@ -10,7 +9,6 @@ from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence
 from evsdr.effects.materials import sort_materials
 from evsdr.effects.world import Fitted, World
 from evsdr.light.camera import view_directions
-from evsdr.model.arrays import columns
 from evsdr.model.gloss import BlinnPhong, RoughCoating
 from evsdr.solve.problem import Problem
 from evsdr.solve.solution import Solution
@@ -41,33 +39,21 @@ def find_gloss(
         By which lobes are in that fit already: these are refined, by the kinds of material that it tells.
     """
     kind, words, shape = KINDS["lobe" if asked == "auto" else asked]
-    given = solution.theta, solution.noise, kind
-    known = _with_found_thresholds(problem, solution)
     if before:
         error, label = before.expected_deg, sort_materials(np.exp(solution.theta[:, 2:]))
     else:
-        evidence, label = gloss_evidence(known, *given), None
+        matt = solution.all_theta, solution.noise, kind, solution.threshold_prior
+        evidence, label = gloss_evidence(problem, *matt), None
         error = evidence.error_deg
         if asked == "auto" and not evidence.is_worth_modelling(limit_deg):
             shown = f"{max(evidence.z, 0):.1f} standard deviations, {error:.2f} deg of expected error"
             why = f"not modelled: the residuals show {shown}; robust weights only"
             return Decision(NAME, False, why, error, {"z": evidence.z})
-        known = problem  # thresholds of a matt fit have taken gloss for their own
-    gloss = fit_gloss(known, *given, label)
+    gloss = fit_gloss(problem, solution.theta, solution.noise, kind, label)
     lobes = ", ".join(f"{shape} {a:.2g} strength {s:.2g}" for a, s in zip(gloss.shape, gloss.strength))
     why = f"left out it would cost {error:.2g} deg" if asked == "auto" else f"asked for by --gloss {asked}"
     found = {shape: gloss.shape.tolist(), "strength": gloss.strength.tolist()}
     return Decision(NAME, True, f"{words.format(lobes)}: {why}", error, found, gloss)
-
-
-def _with_found_thresholds(problem: Problem, solution: Solution) -> Problem:
-    if solution.threshold_gain is None:
-        return problem
-    pairs, Float = problem.pairs, type(problem.pairs.phases)
-    gains = columns(Float, solution.threshold_gain)
-    on, off = pairs.threshold_on * gains[0], pairs.threshold_off * gains[1]
-    dr.eval(on, off)
-    return replace(problem, pairs=replace(pairs, threshold_on=on, threshold_off=off))
 
 
 class GlossyLobes:

@@ -1,7 +1,9 @@
 """Finding gloss in event pairs: is there any, and which lobe has each kind of material.
 
-A matt fit hides the lobe: it explains it by wrong normals and reflectances. So a sample of pixels is solved anew under
-every lobe that is tried; the one of smallest cost is found.
+A matt fit hides the lobe: it explains it by wrong normals, reflectances and thresholds. So a sample of pixels is solved
+anew under every lobe that is tried; the one of smallest cost is found. Whether it is there say events that are held
+back. What is wrong with a matt model comes again in every round, and a lobe so wide that it lights all normals alike
+takes it up (slopes within a pixel, borders of shadows): gloss must explain events better than such a lobe does.
 """
 
 import itertools
@@ -16,13 +18,13 @@ from evsdr.model.gloss import GlossyRing, RoughCoating
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
 from evsdr.solve.grid import lonely_grid
-from evsdr.solve.levenberg import descend
+from evsdr.solve.levenberg import descend, evaluate
 from evsdr.solve.loop import data_of, start_of
 from evsdr.solve.pair_data import thin
 from evsdr.solve.problem import Problem
 from evsdr.solve.solution import Data
 from evsdr.solve.stages import Terms
-from evsdr.solve.system import system_of
+from evsdr.solve.system import PixelSystem, system_of
 from evsdr.solve.unknowns import to_normal
 
 N_SAMPLE, MAX_PAIRS = 400, 256  # pixels that stand for all of a kind, and pairs of each
@@ -31,7 +33,9 @@ TERMS = Terms(density=True, silence=False)
 N_STEP, TOLERANCE = 8, 0.01  # of a descent under a lobe, see `levenberg.descend`
 STRENGTHS = (0.05, 0.2, 0.8)  # to start a search from; what is weaker hardly spoils normals
 SETTLED = 0.01  # change of log shape and log strength that ends the search
-LEAST_Z = 5.0  # of gloss that is there; measured: rough reliefs without any reach 3.5, thin coatings 6.5
+HELD_BACK = 0.2  # share of a pixel's pairs, its last ones: about a round
+MOST_GAIN = 3.0  # in log likelihood that one pixel may have in the decision; guessed
+LEAST_Z = 3.0  # of gloss that is there; measured: matt scenes reach 0, a coating of a fifth of its strength 5
 NEAR_DEG = 25.0  # from a half vector: where a lobe shows
 KIND_SIGMA = np.array([0.5, 1.0])  # of log shape and log strength of the kinds of one scene
 
@@ -62,14 +66,18 @@ class Gloss:
 
 @dataclass(frozen=True)
 class GlossEvidence:
-    """What events say of gloss, by Vuong's test ("Likelihood ratio tests for model selection", Econometrica 1989).
+    """What events that are held back say of gloss.
+
+    By Vuong's test ("Likelihood ratio tests for model selection", Econometrica 1989), in which no pixel counts for
+    more than `MOST_GAIN`.
 
     Attributes
     ----------
     shape, strength : float
         Of the lobe that explains them best.
     z : float
-        What the lobe gains in log likelihood, in standard deviations by its scatter over the pixels.
+        What the lobe gains in log likelihood over a matt surface or the widest lobe, in standard deviations by its
+        scatter over the pixels.
     error_deg : float
         Expected mean error of the normals if gloss is left out [deg].
     """
@@ -98,15 +106,18 @@ class Sample:
         Standard deviation of the relative residuals.
     view : Array3f, optional
         See `GlossyRing`.
+    spread : tuple of 4 float, optional
+        How unknown thresholds are distributed, see `start_of`.
     """
 
     data: Data
     kind: type
     noise: float
     view: object
+    spread: tuple | None = None
 
     @classmethod
-    def of(cls, problem: Problem, pixel: np.ndarray, kind: type, noise: float) -> "Sample":
+    def of(cls, problem: Problem, pixel: np.ndarray, kind: type, noise: float, spread=None) -> "Sample":
         """Take pixels (n_pixel) of a problem, one of them as often as wanted."""
         UInt32, view = type(problem.pairs.offset), problem.view
         index = owned(UInt32, pixel)
@@ -115,7 +126,7 @@ class Sample:
         light = problem.illumination.gather(index)
         pairs, grid = thin(problem.pairs.of_pixels(pixel), MAX_PAIRS), lonely_grid(len(pixel), UInt32)
         data = data_of(LambertianRing(light), pairs, light.constant_light, grid, ROBUST)
-        return cls(data, kind, noise, view)
+        return cls(data, kind, noise, view, spread)
 
     def solve(self, theta: np.ndarray, shape, strength) -> tuple[np.ndarray, np.ndarray]:
         """Solve all pixels under lobes.
@@ -132,32 +143,64 @@ class Sample:
         cost : (n_pixel,) float64
         theta : (n_pixel, n) float32
         """
+        system, start = self._system(theta, shape, strength)
+        found, terms, *_ = descend(system, start, N_STEP, TOLERANCE)
+        return _numbers(terms[0]), np.stack([t.numpy() for t in found], axis=-1)
+
+    def hold_back(self, theta: np.ndarray, shape, strength) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Solve all pixels as `solve`, but without the pairs held back; gives what these then cost (n_pixel) too.
+
+        Returns
+        -------
+        cost : (n_pixel,) float64
+            Of the other pairs.
+        cost_held : (n_pixel,) float64
+        theta : (n_pixel, n) float32
+        """
+        system, start = self._system(theta, shape, strength)
+        Float, count = type(self.data.constant_light), system.pairs.counts
+        number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        told = number < np.repeat((1 - HELD_BACK) * count, count)
+        part, whole = (
+            replace(system, pairs=replace(system.pairs, weight=owned(Float, weight)))
+            for weight in (told, np.ones(len(told)))
+        )
+        found, terms, *_ = descend(part, start, N_STEP, TOLERANCE)
+        cost, of_all = _numbers(terms[0]), _numbers(evaluate(whole, found)[0])
+        return cost, of_all - cost, np.stack([t.numpy() for t in found], axis=-1)
+
+    def _system(self, theta: np.ndarray, shape, strength) -> tuple[PixelSystem, list]:
+        """Collect what the cost under lobes depends on, and the unknowns to start from."""
         Float = type(self.data.constant_light)
         lobe = self.kind(*(owned(Float, np.broadcast_to(v, len(theta))) for v in (shape, strength)))
         data = replace(self.data, model=GlossyRing(self.data.model.illumination, lobe, self.view))
-        state = start_of(data, columns(Float, theta))
-        system = system_of(data, state, TERMS.loss(data), dr.opaque(Float, self.noise))
-        found, terms, *_ = descend(system, state.theta, N_STEP, TOLERANCE)
-        return terms[0].numpy().astype(float), np.stack([t.numpy() for t in found], axis=-1)
+        state = start_of(data, columns(Float, theta), spread=self.spread)
+        return system_of(data, state, TERMS.loss(data), dr.opaque(Float, self.noise)), state.theta
+
+
+def _numbers(value) -> np.ndarray:
+    return value.numpy().astype(float)
 
 
 def gloss_evidence(
-    problem: Problem, theta: np.ndarray, noise: float, kind: type = RoughCoating
+    problem: Problem, theta: np.ndarray, noise: float, kind: type = RoughCoating, spread: tuple | None = None
 ) -> GlossEvidence:
     """Ask the events for gloss.
 
     Parameters
     ----------
     problem : Problem
-    theta : (n_pixel, 2 + n_band) float
-        Slopes and log reflectances of the matt fit.
+    theta : (n_pixel, n_unknown) float
+        Unknowns of the matt fit, those of thresholds too if it has any.
     noise : float
         Standard deviation of its relative residuals.
+    spread : tuple of 4 float, optional
+        How its unknown thresholds are distributed.
     """
     pixel = _some(problem, np.ones(problem.n_pixel, bool))
-    evidence, matt, glossy = _first_look(problem, pixel, theta, noise, kind)
+    evidence, matt, glossy = _first_look(problem, pixel, theta, noise, kind, spread)
     if evidence.z > LEAST_Z:
-        sample = Sample.of(problem, pixel, kind, noise)
+        sample = Sample.of(problem, pixel, kind, noise, spread)
         shape, strength, glossy = _search(sample, glossy, evidence.shape, evidence.strength)
         error = angular_error_deg(to_normal(matt), to_normal(glossy)).mean()
         evidence = GlossEvidence(shape, strength, evidence.z, float(error))
@@ -174,7 +217,8 @@ def fit_gloss(
     Parameters
     ----------
     theta : (n_pixel, 2 + n_band) float
-        Slopes and log reflectances to start from, of a matt fit or of an earlier glossy one.
+        Slopes and log reflectances to start from, of a matt fit or of an earlier glossy one. Thresholds are taken as
+        told: those of a matt fit have taken gloss for their own.
     label : (n_pixel,) int, optional
         Kind of each pixel; by default one for all.
 
@@ -193,8 +237,8 @@ def fit_gloss(
         for c in range(len(shape) if len(shape) > 1 else 0):
             pixel = _some(problem, near & (label == c))
             if len(pixel):
-                sample, given = Sample.of(problem, pixel, kind, noise), (shape[c], strength[c], KIND_SIGMA)
-                shape[c], strength[c], _ = _search(sample, theta[pixel], *given)
+                sample = Sample.of(problem, pixel, kind, noise)
+                shape[c], strength[c], _ = _search(sample, theta[pixel], shape[c], strength[c], KIND_SIGMA)
     return Gloss(kind, shape, strength, label)
 
 
@@ -216,15 +260,31 @@ def _some(problem: Problem, candidate: np.ndarray) -> np.ndarray:
     return chosen[:: max(1, -(-len(chosen) // N_SAMPLE))]
 
 
-def _first_look(problem: Problem, pixel: np.ndarray, theta: np.ndarray, noise: float, kind: type):
-    """Compare some lobes with none: gives evidence, and unknowns (n_pixel, n) without and with the best lobe."""
-    lobes = np.array([(kind.STARTS[0], 0.0), *itertools.product(kind.STARTS, STRENGTHS)])
-    n_lobe, n = len(lobes), len(pixel)
-    sample = Sample.of(problem, np.tile(pixel, n_lobe), kind, noise)
-    cost, found = sample.solve(np.tile(theta[pixel], (n_lobe, 1)), *np.repeat(lobes, n, axis=0).T)
-    gain, found = cost[:n] - cost.reshape(n_lobe, n), found.reshape(n_lobe, n, -1)
-    best = 1 + np.argmax(gain[1:].sum(axis=1))
-    z = gain[best].sum() / np.sqrt(np.sum(gain[best] ** 2))
+def _first_look(
+    problem: Problem,
+    pixel: np.ndarray,
+    theta: np.ndarray,
+    noise: float,
+    kind: type,
+    spread: tuple | None = None,
+):
+    """Compare some lobes with none and the widest: gives evidence, and unknowns (n_pixel, n) without and with the best.
+
+    The lobes are told by the pairs that are not held back, the evidence by those that are.
+    """
+    no_gloss = [(kind.WIDEST, strength) for strength in (0.0, *STRENGTHS)]
+    lobes = np.array([*no_gloss, *itertools.product(kind.STARTS, STRENGTHS)])
+    n_lobe, n, n_not = len(lobes), len(pixel), len(no_gloss)
+    sample = Sample.of(problem, np.tile(pixel, n_lobe), kind, noise, spread)
+    cost, held, found = sample.hold_back(np.tile(theta[pixel], (n_lobe, 1)), *np.repeat(lobes, n, axis=0).T)
+    total, held, found = (
+        cost.reshape(n_lobe, n).sum(axis=1),
+        held.reshape(n_lobe, n),
+        found.reshape(n_lobe, n, -1),
+    )
+    rival, best = np.argmin(total[:n_not]), n_not + np.argmin(total[n_not:])
+    gain = np.clip(held[rival] - held[best], -MOST_GAIN, MOST_GAIN)
+    z = gain.sum() / np.sqrt(np.sum(gain**2))
     error = angular_error_deg(to_normal(found[0]), to_normal(found[best])).mean() if z > 0 else 0.0
     return GlossEvidence(*lobes[best].tolist(), float(z), float(error)), found[0], found[best]
 

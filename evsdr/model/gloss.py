@@ -35,7 +35,8 @@ class BlinnPhong:
     strength: object
 
     STARTS = (8.0, 32.0, 128.0)  # shapes to start a search from
-    RANGE = (1.0, 2000.0)
+    WIDEST = 3.0  # of gloss, about as wide as the widest rough coating; wider lobes hardly differ from a matt surface
+    RANGE = (WIDEST, 2000.0)
 
     def __call__(self, normal, light, view):
         """Give the lobe and its gradient by the normal.
@@ -78,7 +79,8 @@ class RoughCoating:
     strength: object
 
     STARTS = (0.08, 0.16, 0.32)
-    RANGE = (0.02, 0.8)
+    WIDEST = 0.6  # as `BlinnPhong.WIDEST`
+    RANGE = (0.02, WIDEST)
 
     def __call__(self, normal, light, view):
         """As `BlinnPhong.__call__`."""

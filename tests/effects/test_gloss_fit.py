@@ -91,6 +91,14 @@ def test_a_matt_sphere_shows_no_gloss():
     assert fit_gloss(problem, matt.theta, matt.noise).strength == 0
 
 
+def test_slopes_within_a_pixel_are_no_gloss():
+    """No matt model of one normal holds there, in any round; the widest lobe explains that better than gloss does."""
+    problem, *_ = sphere(tilt=1.0)
+    matt = solve(problem)
+    assert gloss_evidence(problem, matt.theta, matt.noise).z < 0
+    assert fit_gloss(problem, matt.theta, matt.noise).strength == 0
+
+
 @pytest.mark.parametrize("kind, shape, strength", [KINDS[0]])
 def test_blinn_phong_is_found(kind, shape, strength):
     problem, *_ = sphere([(kind, shape, strength)])

@@ -51,22 +51,30 @@ def lobe_signals(kind, shape, strength, normal, direction):
     return np.where(nl > 0, value, 0)
 
 
-def sphere(lobes=(), size=40, event_noise=0.1, seed=0):
+def sphere(lobes=(), size=40, event_noise=0.1, seed=0, tilt=0.0):
     """Give the solver's view of a recorded sphere, and its truth: normals, reflectances, left half.
 
-    `lobes` are (kind, shape, strength), one for all or one for each half.
+    `lobes` are (kind, shape, strength), one for all or one for each half. Each pixel sees four matt facets, whose slopes
+    lie `tilt` from its own.
     """
     normal, mask = sphere_normals(size)
     left = np.broadcast_to(np.arange(size) < size // 2, (size, size))
     reflectance = np.where(left[..., None] & (len(lobes) > 1), OTHER, SPECTRUM)
     direction = ring_directions()
-    signal = lambert_signals(normal, reflectance, direction)
+    signal = sum(lambert_signals(n, reflectance, direction) for n in facets(normal, tilt)) / 4
     for i, lobe in enumerate(lobes):
         where = left == (i == 1) if len(lobes) > 1 else True
         signal = signal + where * lobe_signals(*lobe, normal, direction)
     recording = record_signal(np.where(mask, signal, 0), seed, event_noise=event_noise)
     problem = make_problem(recording, pair_events(recording, mask), ring_light(), mask)
     return problem, normal[mask], reflectance[mask], left[mask]
+
+
+def facets(normal, tilt):
+    """Give four unit normals around each."""
+    shifts = tilt * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    tilted = [normal + shift * normal[..., 2:] for shift in shifts]
+    return [n / np.linalg.norm(n, axis=-1, keepdims=True).clip(1e-9) for n in tilted]
 
 
 def mean_error(theta, normal):
