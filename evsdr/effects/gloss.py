@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import drjit as dr
 import numpy as np
 
 from evsdr.effects.effect import Decision
@@ -9,7 +10,9 @@ from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence
 from evsdr.effects.materials import sort_materials
 from evsdr.effects.world import Fitted, World
 from evsdr.light.camera import view_directions
+from evsdr.model.arrays import columns
 from evsdr.model.gloss import BlinnPhong, RoughCoating
+from evsdr.solve.loss import scaled
 from evsdr.solve.problem import Problem
 from evsdr.solve.solution import Solution
 
@@ -49,11 +52,21 @@ def find_gloss(
             shown = f"{max(evidence.z, 0):.1f} standard deviations, {error:.2f} deg of expected error"
             why = f"not modelled: the residuals show {shown}; robust weights only"
             return Decision(NAME, False, why, error, {"z": evidence.z})
-    gloss = fit_gloss(problem, solution.theta, solution.noise, kind, label)
+    known = _with_found_thresholds(problem, solution) if before else problem
+    gloss = fit_gloss(known, solution.theta, solution.noise, kind, label)
     lobes = ", ".join(f"{shape} {a:.2g} strength {s:.2g}" for a, s in zip(gloss.shape, gloss.strength))
     why = f"left out it would cost {error:.2g} deg" if asked == "auto" else f"asked for by --gloss {asked}"
     found = {shape: gloss.shape.tolist(), "strength": gloss.strength.tolist()}
     return Decision(NAME, True, f"{words.format(lobes)}: {why}", error, found, gloss)
+
+
+def _with_found_thresholds(problem: Problem, solution: Solution) -> Problem:
+    """Take the thresholds of a glossy fit for known; those of a matt one have taken gloss for their own."""
+    if solution.threshold_gain is None:
+        return problem
+    pairs = scaled(problem.pairs, columns(type(problem.pairs.phases), solution.threshold_gain))
+    dr.eval(pairs.threshold_on, pairs.threshold_off)
+    return replace(problem, pairs=pairs)
 
 
 class GlossyLobes:

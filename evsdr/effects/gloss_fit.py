@@ -217,8 +217,7 @@ def fit_gloss(
     Parameters
     ----------
     theta : (n_pixel, 2 + n_band) float
-        Slopes and log reflectances to start from, of a matt fit or of an earlier glossy one. Thresholds are taken as
-        told: those of a matt fit have taken gloss for their own.
+        Slopes and log reflectances to start from, of a matt fit or of an earlier glossy one.
     label : (n_pixel,) int, optional
         Kind of each pixel; by default one for all.
 
