@@ -10,7 +10,7 @@ from evsdr.calibration import ball as balls
 from evsdr.calibration import draw
 from evsdr.calibration.equations import collect_pairs, sample_pairs
 from evsdr.calibration.mirror import find_highlights, led_contrast
-from evsdr.calibration.ring_recording import MISFIT, count_events, fit_result, nominal_light, read_ring_events
+from evsdr.calibration.ring_recording import count_events, fit_result, nominal_light, read_ring_events
 from evsdr.calibration.scene_text import find_leds, flatten, include_text, place_led, scale_led
 from evsdr.errors import InputError, check_range
 from evsdr.files.mask import read_mask
@@ -19,6 +19,7 @@ from evsdr.light.entry import open_scene
 from evsdr.metrics import angular_error_deg
 from evsdr.model.view import View, depth_of_origin, pixel_centers
 from evsdr.records import Recording
+from evsdr.solve.noise import MISFIT
 
 START_RATIO = 10.0  # LED over C_w on a ball, to start from
 FAR = 4.0  # distance of an LED to start from, in radii of the ball

@@ -10,8 +10,7 @@ from evsdr.errors import InputError, InputWarning
 from evsdr.files.events_h5 import read_recording
 from evsdr.light.checks import check_film, check_object
 from evsdr.records import Recording
-
-MISFIT = 0.5  # noise of the residuals, in thresholds, above which model and events contradict each other
+from evsdr.solve.noise import MISFIT
 
 
 def read_ring_events(path: Path, ring) -> Recording:

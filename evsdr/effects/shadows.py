@@ -8,6 +8,7 @@ from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import Look, against, mean_error
 from evsdr.effects.world import SURE, TRIAL_RAYS, Fitted, World
 from evsdr.model.illumination import Illumination
+from evsdr.solve.noise import MISFIT
 
 # Share of the suspects' misfit that hidden LEDs must explain; measured: 0.43 to 0.84 in shadows, 0.28 where gloss is not
 # modelled, 0.05 and less where the model is right
@@ -66,11 +67,13 @@ class ShadowsInEvents:
         """Ask the events of pixels that the maps explain badly; what is traced is their prior."""
         if asked not in ("auto", "latent") or world.terms.solver != "lm":
             return None
+        if asked == "auto" and fitted.solution.noise > MISFIT:  # what is wrong is not what some pixels see
+            return self._left_out(world, "events and model contradict each other")
         seen, limit = world.seen(fitted), world.terms.limit_deg
         traced = self.name in world.decisions and world.decisions[self.name].modelled
         n_changed = np.count_nonzero(seen.gain)
         if n_changed == 0 and asked == "auto":
-            return None if traced else Decision(self.name, False, "not modelled: the events show none")
+            return self._left_out(world, "the events show none")
         look, light = world.look(fitted), self.model(world).illumination(fitted)
         error = mean_error(look, world.illumination(fitted), light)
         share = blocked_share(look, world.trace(False, TRIAL_RAYS), light)
@@ -82,6 +85,10 @@ class ShadowsInEvents:
         if not modelled and error > limit:
             why += f", but it explains only {seen.explained:.0%} of what is wrong there"
         return Decision(self.name, modelled, why, error, {"blocked": share, "pixels": n_changed}, seen)
+
+    def _left_out(self, world: World, why: str) -> Decision | None:
+        """Say why, unless the scene's geometry has told already."""
+        return None if self.name in world.decisions else Decision(self.name, False, f"not modelled: {why}")
 
     def model(self, world: World, decision: Decision | None = None) -> World:
         """Ask whenever maps or surface have changed."""

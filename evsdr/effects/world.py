@@ -231,6 +231,8 @@ class World:
             surface = None if self.ring.shape_is_known else fitted
             free = self.trace(False, self.rays, fitted if self.moved else None)
             problem = make_problem(self.recording, self.pairs(fitted), free, self.mask, self.hot)
+            whole = replace(problem.illumination, indirect=fitted.problem.illumination.indirect)
+            problem = replace(problem, illumination=whole)
             before = fitted.problem.illumination.share_of(problem.illumination, problem.n_pixel)
             if self.gloss is not None:
                 untold = problem.fired & ~fitted.problem.fired

@@ -12,15 +12,14 @@ from evsdr.fitting.maps import lit_bands
 from evsdr.fitting.settings import Settings
 from evsdr.light.scene import RingScene
 from evsdr.records import Recording, Sensor
+from evsdr.solve.noise import MISFIT
 from evsdr.solve.solution import Solution
 
 WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
 CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
 CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are worth a warning
 SENSOR = [field.name for field in fields(Sensor)]
-# Relative threshold noise above which events and scene contradict each other; after LEDs were put right less is enough,
-# as what remains was not theirs
-MISFIT, MENDED_MISFIT = 0.5, 0.25
+MENDED_MISFIT = 0.25  # `MISFIT` after LEDs were put right: what remains was not theirs
 
 
 def warn(sentence: str) -> None:

@@ -14,6 +14,7 @@ from evsdr.solve.system import system_of
 from evsdr.solve.tuning import Tuning
 
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual
+MISFIT = 0.5  # of that of most pixels, above which events and model contradict each other; guessed
 N_SHOWN = 32  # pairs of a pixel that show its noise
 MOST_FREEDOM = 2.0  # largest factor for the unknowns that pairs have been fitted with
 MEDIAN_TO_SIGMA = 1.4826  # of |x| for Gaussian x

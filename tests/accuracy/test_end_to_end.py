@@ -60,7 +60,7 @@ def test_cast_shadow_of_the_pole(folder):
     for shadows in ("auto", "off"):
         options = ("--shadows", shadows, "--preset", "fast")
         summary, maps = run_fit("sphere_pole", folder / "pole", shadows, *options)
-        assert summary["model"]["cast shadows"].startswith("traced") == (shadows == "auto")
+        assert summary["effects"]["cast shadows"]["modelled"] == (shadows == "auto")
         angle = angular_error_deg(maps["normal"], truth["normal"])
         error[shadows] = angle[shadow].mean(), angle[truth["mask"] & ~shadow].mean()
     assert error["auto"][0] <= 1.6 * error["auto"][1]  # shadows have edges

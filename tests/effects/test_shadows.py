@@ -1,6 +1,7 @@
 """Cast shadows are traced where they fall on the object, and as `--shadows` asks."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import drjit as dr
 import numpy as np
@@ -84,8 +85,8 @@ def heard(tmp_path, monkeypatch):
         grey = np.full((*world.mask.shape, world.ring.leds.n_band), 0.5, np.float32)
         nothing = np.zeros(world.mask.shape, np.float32)
         maps = Maps(normal, grey, world.mask, nothing, nothing, np.zeros(1))
-        problem = type("Problem", (), {"pixel": pixel})()
-        return world, Fitted(problem, None, maps)
+        problem, solution = SimpleNamespace(pixel=pixel), SimpleNamespace(noise=0.05)
+        return world, Fitted(problem, solution, maps)
 
     return hear
 
@@ -115,8 +116,17 @@ def test_few_hidden_leds_do_not_count(heard):
 def test_what_is_traced_stays_if_the_events_add_nothing(heard):
     world, fitted = heard(0, 0.0)
     assert ShadowsInEvents().decide("auto", world, fitted).why == "not modelled: the events show none"
-    traced = replace(world, decisions={"cast shadows": Decision("cast shadows", True, "traced")})
-    assert ShadowsInEvents().decide("auto", traced, fitted) is None
+    for modelled in (True, False):
+        before = {"cast shadows": Decision("cast shadows", modelled, "before")}
+        assert ShadowsInEvents().decide("auto", replace(world, decisions=before), fitted) is None
+
+
+def test_a_model_that_all_pixels_contradict_is_not_mended_by_shadows(heard):
+    """As with LEDs in a wrong order: the warning of that must not go away."""
+    world, fitted = heard(300, 0.9)
+    wrong = replace(fitted, solution=SimpleNamespace(noise=0.6))
+    decision = ShadowsInEvents().decide("auto", world, wrong)
+    assert not decision.modelled and decision.why == "not modelled: events and model contradict each other"
 
 
 @pytest.mark.parametrize("asked", ["off", "scene", "estimate", "downweight"])

@@ -109,6 +109,19 @@ def test_the_problem_starts_from_what_goes_with_the_visibility(latent, monkeypat
     assert world.problem().start is None
 
 
+def test_indirect_light_comes_where_leds_are_hidden(latent, monkeypatch):
+    """The search is given what the fit had of it."""
+    from evsdr.effects import world as module
+
+    world, fitted = latent
+    light = fitted.problem.illumination
+    indirect = replace(light, indirect=[e * 0.1 for e in light.irradiance])
+    given = []
+    monkeypatch.setattr(module, "find_visibility", lambda problem, *rest: given.append(problem))
+    world.seen(replace(fitted, problem=replace(fitted.problem, illumination=indirect)))
+    assert given[0].illumination.indirect is indirect.indirect
+
+
 def test_visibility_stays_once_lobes_are_known(latent):
     world, fitted = latent
     share = np.ones((world.ring.leds.n_led, fitted.problem.n_pixel), np.float32)
