@@ -65,8 +65,10 @@ class ShadowsInEvents:
 
     def decide(self, asked: str, world: World, fitted: Fitted) -> Decision | None:
         """Ask the events of pixels that the maps explain badly; what is traced is their prior."""
-        if asked not in ("auto", "latent") or world.terms.solver != "lm":
+        if asked not in ("auto", "latent"):
             return None
+        if world.terms.solver == "adam":
+            return self._left_out(world, "the solver adam asks no events for them")
         if asked == "auto" and fitted.solution.noise > MISFIT:  # what is wrong is not what some pixels see
             return self._left_out(world, "events and model contradict each other")
         seen, limit = world.seen(fitted), world.terms.limit_deg

@@ -99,19 +99,6 @@ class Illumination:
             irradiance.append(type(e)(level) if e is unblocked else level * share)
         return replace(self, direction=direction, irradiance=irradiance)
 
-    def beside(self, other: "Illumination", n_pixel: int) -> "Illumination":
-        """Join the direct light of the same pixels in two cases, one behind the other."""
-        Float = type(self.irradiance[0])
-
-        def join(a, b):
-            return dr.concat((a + dr.zeros(Float, n_pixel), b + dr.zeros(Float, n_pixel)))
-
-        direction = [
-            type(a)(*(join(a[k], b[k]) for k in range(3))) for a, b in zip(self.direction, other.direction)
-        ]
-        irradiance = [join(a, b) for a, b in zip(self.irradiance, other.irradiance)]
-        return replace(self, direction=direction, irradiance=irradiance)
-
 
 def pixel_horizon(p, q, links):
     """Give the softness of the horizon that averages over a pixel of a curved surface.

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import drjit as dr
 import numpy as np
+from scipy import ndimage
 
 from evsdr.model.arrays import owned
 
@@ -72,6 +73,14 @@ def make_grid(mask: np.ndarray, UInt32: type) -> Grid:
         exists[name] = owned(UInt32, at >= 0) > 0
     dr.eval(index, exists)
     return Grid(mask, Links(index, exists))
+
+
+def nearest(good: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Give the number (n_pixel) of the nearest masked pixel that is good (n_pixel)."""
+    number, image = np.zeros(mask.shape, np.uint32), np.zeros(mask.shape, bool)
+    number[mask], image[mask] = np.arange(len(good)), good
+    place = ndimage.distance_transform_edt(~image, return_distances=False, return_indices=True)
+    return number[tuple(place)][mask]
 
 
 def lonely_grid(n_pixel: int, UInt32: type) -> Grid:

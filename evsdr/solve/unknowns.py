@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import drjit as dr
 import numpy as np
-from scipy import ndimage
 
 from evsdr.model.arrays import columns, owned
+from evsdr.solve.grid import nearest
 
 SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
 REFLECTANCE_CENTRE, LOG_REFLECTANCE_SIGMA = 0.25, 2.0  # weak prior: 0.03 .. 2 within one sigma
@@ -109,8 +109,5 @@ def fill(theta: list, good: np.ndarray, mask: np.ndarray) -> list:
     """Give each pixel that is not good (n_pixel) the unknowns of the nearest one that is."""
     if good.all() or not good.any():
         return theta
-    number, image = np.zeros(mask.shape, np.uint32), np.zeros(mask.shape, bool)
-    number[mask], image[mask] = np.arange(len(good)), good
-    nearest = ndimage.distance_transform_edt(~image, return_distances=False, return_indices=True)
-    index = owned(dr.uint32_array_t(type(theta[0])), number[tuple(nearest)][mask])
+    index = owned(dr.uint32_array_t(type(theta[0])), nearest(good, mask))
     return [dr.gather(type(t), t, index) for t in theta]

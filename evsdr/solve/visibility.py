@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 
 import drjit as dr
 import numpy as np
-from scipy import ndimage
 
 from evsdr.frozen import no_garbage_collection
 from evsdr.model.arrays import columns, owned
 from evsdr.model.lambert import LambertianRing
-from evsdr.solve.grid import NEXT, lonely_grid
+from evsdr.solve.grid import NEXT, lonely_grid, nearest
 from evsdr.solve.levenberg import descend
 from evsdr.solve.loop import data_of, start_of
 from evsdr.solve.pair_data import PairData, thin
@@ -145,21 +144,17 @@ class Judge:
         theta, cost = self._fit(pixel, share, theta, descents, ALL_TERMS)
         return theta, cost + self.prior(pixel, share)
 
-    def excess(self, guess: "Guess", usual: float | None = None) -> tuple[np.ndarray, float]:
-        """Give what the pairs of each pixel cost more than is usual for as many, and what one usually costs."""
-        pixel, count = np.arange(len(guess.cost)), self.pairs.counts
-        cost = self._fit(pixel, guess.share, guess.theta, ((None, 0),), PAIRS)[1]
-        if usual is None:
-            usual = float(np.median((cost / np.maximum(count, 1))[count > 0])) if count.any() else 0.0
-        return cost - usual * count, usual
+    def misfit(self, pixel: np.ndarray, guess: "Guess") -> np.ndarray:
+        """Give what the pairs of pixels cost."""
+        given = pixel, guess.share[:, pixel], guess.theta[pixel], ((None, 0),)
+        return self._fit(*given, PAIRS)[1]
 
     @no_garbage_collection()
     def _fit(self, pixel, share, theta, descents, terms):
         parts = [slice(k, k + AT_ONCE) for k in range(0, len(pixel), AT_ONCE)]
         fitted = [self._fit_some(pixel[k], share[:, k], theta[k], descents, terms) for k in parts]
-        return np.concatenate([theta[:0], *(t for t, _ in fitted)]), np.concatenate(
-            [[], *(c for _, c in fitted)]
-        )
+        cost = np.concatenate([[], *(c for _, c in fitted)])
+        return np.concatenate([theta[:0], *(t for t, _ in fitted)]), cost
 
     def _fit_some(self, pixel, share, theta, descents, which):
         light, UInt32 = self.problem.illumination, type(self.pairs.offset)
@@ -209,23 +204,24 @@ def find_visibility(
     judge = Judge(problem, thin(problem.pairs, N_MOST), solution, order, traced, faces, known)
     pixel, share = np.arange(problem.n_pixel), np.asarray(given, np.float32)
     first = Guess(share, *judge(pixel, share, solution.all_theta, ((None, 8),)))
-    before, usual = judge.excess(first)
-    pixel = suspected = suspects(judge, first, before)
+    count, paid = judge.pairs.counts, judge.misfit(pixel, first)
+    usual = np.median((paid / np.maximum(count, 1))[count > 0]) * count if count.any() else count
+    excess = paid - usual
+    pixel = suspected = suspects(judge, first, excess)
     none = np.zeros(problem.n_pixel)
-    nothing = Seen(share, solution.all_theta, none > 0, none)
     if len(pixel) == 0:
-        return nothing
+        return Seen(share, solution.all_theta, none > 0, none)
 
     def explained(guess: Guess, among: np.ndarray) -> float:
-        after = judge.excess(guess, usual)[0]
-        return float(1 - _positive(after[among]) / max(_positive(before[among]), 1))
+        after = judge.misfit(among, guess) - usual[among]
+        return float(1 - _positive(after) / max(_positive(excess[among]), 1))
 
     best = first
     if known or (share == 1).all():
-        worst = np.sort(pixel[np.argsort(-before[pixel], kind="stable")[:N_PROBED]])
+        worst = np.sort(pixel[np.argsort(-excess[pixel], kind="stable")[:N_PROBED]])
         probe = _try_arcs(judge, _try_traced(judge, first, worst), worst)
         if explained(_try_changes(judge, probe, worst), worst) < LEAST_EXPLAINED:
-            return nothing
+            return Seen(share, solution.all_theta, none > 0, none)
         best = _try_arcs(judge, first, pixel)
     best = _try_traced(judge, best, pixel)
     for _ in range(N_ROUND):
@@ -332,13 +328,9 @@ def _starts(best: Guess) -> tuple:
 
 def _learn_from(judge: Judge, best: Guess, pixel: np.ndarray, teachers: np.ndarray) -> Guess:
     """Let pixels try what the nearest teacher found."""
-    mask = judge.problem.grid.mask
-    number, image = np.zeros(mask.shape, np.int64), np.zeros(len(best.cost), bool)
-    number[mask], image[teachers] = np.arange(len(best.cost)), True
-    taught = np.zeros(mask.shape, bool)
-    taught[mask] = image
-    nearest = ndimage.distance_transform_edt(~taught, return_distances=False, return_indices=True)
-    other = number[tuple(nearest)][mask][pixel]
+    taught = np.zeros(len(best.cost), bool)
+    taught[teachers] = True
+    other = nearest(taught, judge.problem.grid.mask)[pixel]
     return best.better(
         pixel, best.share[:, other], *judge(pixel, best.share[:, other], best.theta[other], NEAR)
     )

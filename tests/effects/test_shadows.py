@@ -139,3 +139,11 @@ def test_hidden_leds_are_dark_in_the_light(heard):
     light = ShadowsInEvents().model(world).illumination(fitted)
     first, last = (light.irradiance[j].numpy()[np.flatnonzero(world.mask)] for j in (0, -1))
     assert (first[:300] == 0).all() and (first[300:] > 0).all() and (last > 0).all()
+
+
+def test_the_published_solver_says_that_it_finds_none(heard):
+    world, fitted = heard(300, 0.9)
+    decision = ShadowsInEvents().decide(
+        "auto", replace(world, terms=replace(world.terms, solver="adam")), fitted
+    )
+    assert not decision.modelled and decision.why == "not modelled: the solver adam asks no events for them"

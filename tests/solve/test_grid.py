@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from evsdr.solve import grid as g
-from evsdr.solve.grid import make_grid
+from evsdr.solve.grid import make_grid, nearest
 from tests.support.stencil_matrix import MASK, matrix_of
 
 
@@ -42,3 +42,13 @@ def test_slopes_of_a_surface_add_up_to_nothing():
     np.testing.assert_allclose(around(-rows, columns), 0, atol=1e-5)
     turning = around(rows, columns).reshape(5, 6)[:-1, :-1]
     np.testing.assert_allclose(turning, -2, atol=1e-5)
+
+
+def test_the_nearest_good_pixel_by_brute_force(rng):
+    mask = rng.random((9, 11)) < 0.7
+    good = rng.random(mask.sum()) < 0.2
+    place = np.argwhere(mask)
+    apart = np.linalg.norm(place[:, None] - place[None, good], axis=-1)
+    found = nearest(good, mask)
+    assert good[found].all()
+    np.testing.assert_allclose(np.linalg.norm(place - place[found], axis=1), apart.min(axis=1))
