@@ -220,7 +220,9 @@ def find_visibility(
     if known or (share == 1).all():
         some = np.sort(_some(pixel[np.argsort(-excess[pixel], kind="stable")], N_PROBED))
         probe = _try_arcs(judge, _try_traced(judge, first, some), some)
-        if explained(_try_changes(judge, probe, some), some) < LEAST_EXPLAINED:
+        for _ in range(N_ROUND):
+            probe = _try_changes(judge, probe, some)
+        if explained(probe, some) < LEAST_EXPLAINED:
             return Seen(share, solution.all_theta, none > 0, none)
         best = _try_arcs(judge, first, pixel)
     best = _try_traced(judge, best, pixel)
