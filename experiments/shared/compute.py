@@ -238,10 +238,23 @@ def told_rig(case: Case, scene: str, size: int, seed: int) -> Rig:
     return Rig(loaded, -log_factor, np.degrees(tilt))
 
 
-def altered(scene: str, size: int, white: bool, power: Callable, turn: Callable):
-    """Load a scene whose LEDs have other spectra (n,), `power(j, spectrum)`, and directions (3,), `turn(j, direction)`."""
+def altered(
+    scene: str,
+    size: int,
+    white: bool,
+    power: Callable,
+    turn: Callable,
+    files: dict[str, str] | None = None,
+    **define,
+):
+    """Load a scene whose LEDs have other spectra (n,), `power(j, spectrum)`, and directions (3,), `turn(j, direction)`.
+
+    It is one of `scenes/` or of other `files`, texts by their names; `define` gives values of its parameters.
+    """
     with TemporaryDirectory() as folder:
         copytree(SCENES, folder, dirs_exist_ok=True)
+        for name, text in (files or {}).items():
+            (Path(folder) / name).write_text(text)
         path = Path(folder) / "ring24.xml"
         tree = ElementTree.parse(path)
         spectra = {spectrum.get("id"): spectrum for spectrum in tree.iter("spectrum")}
@@ -256,7 +269,7 @@ def altered(scene: str, size: int, white: bool, power: Callable, turn: Callable)
             direction = turn(j, -np.array([float(vector.get(axis)) for axis in "xyz"]))
             vector.attrib |= {axis: f"{-value:.9f}" for axis, value in zip("xyz", direction)}
         tree.write(path)
-        return load_scene(Path(folder) / f"{scene}.xml", size=size)
+        return load_scene(Path(folder) / f"{scene}.xml", size=size, **define)
 
 
 def _text(values: np.ndarray) -> str:

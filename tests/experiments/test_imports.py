@@ -21,6 +21,7 @@ MEASURED = {
     "limit": {"limits", "jit", "events", "model", "solve"},  # fits single pixels under the model's own light
     "picture.py": {"files.daylight"},
     "shared": {"solve.shared"},
+    "sigma": {"fitting.simulation", "solve.shared"},  # gives rendered images to another event pixel
 }
 FILES = sorted(path.relative_to(EXPERIMENTS) for path in EXPERIMENTS.rglob("*.py"))
 

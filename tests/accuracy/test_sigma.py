@@ -1,0 +1,44 @@
+"""Sigmas are true: the fast part of `python -m experiments.sigma`, and twins whose sigmas are not."""
+
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+
+import evsdr
+from experiments.sigma.cases import chosen, make
+from experiments.sigma.compute import Row, errors_of
+from experiments.sigma.statistics import PROMISED, level_of_each
+
+SIZE, SEEDS = 28, range(40, 43)
+CHANCE = 0.03  # of shares of so few pixels
+# Cases that hold, and what of them; the experiment tells of all
+HOLD = (("sphere/evk4", "angle"), ("sphere/ideal", "reflectance"))
+
+
+@cache
+def fitted(name: str) -> list:
+    """Give maps, truths and seeds of some recordings of a case."""
+    (case,), out = chosen(name), []
+    for seed in SEEDS:
+        told, recording, truth = make(case, SIZE, seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", evsdr.InputWarning)  # not all is told as it is
+            out.append((evsdr.fit(told, recording).maps, truth, seed))
+    return out
+
+
+def row(name: str, factor: float) -> Row:
+    """Compare with the truth, with all sigmas multiplied by a factor."""
+    return Row(name, tuple(errors_of(*one, factor=factor) for one in fitted(name)))
+
+
+@pytest.mark.parametrize(("name", "of"), HOLD)
+def test_sigmas_are_true_and_their_twins_are_not(name, of):
+    true, half, double = (row(name, factor) for factor in (1.0, 0.5, 2.0))
+    level = level_of_each(len(HOLD))
+    assert true.mean("known") > 0.98
+    assert np.all(true.within(of) > PROMISED - CHANCE)
+    assert true.test(of).p > level
+    assert half.test(of).p < level and double.test(of).p < level
