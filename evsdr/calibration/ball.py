@@ -11,7 +11,8 @@ import contourpy
 import numpy as np
 from scipy.ndimage import binary_fill_holes, label
 
-from evsdr.calibration.equations import Estimate, PairTerms, fit_pairs
+from evsdr.calibration.equations import Estimate, fit_events
+from evsdr.calibration.watched import Watched
 from evsdr.errors import InputError
 from evsdr.model.view import View, pixel_centers
 
@@ -244,14 +245,14 @@ def _by_outline(signal, shift: np.ndarray) -> np.ndarray:
 
 
 def solve_far(
-    view: View, pairs: PairTerms, pixel: np.ndarray, outline: np.ndarray, start: np.ndarray, strength: float
+    view: View, part: Watched, pixel: np.ndarray, outline: np.ndarray, start: np.ndarray, strength: float
 ) -> BallLights:
     """Find the directions of far LEDs.
 
     Parameters
     ----------
-    pairs : PairTerms
-        Their points are the rows of `pixel`.
+    part : Watched
+        Its points are the rows of `pixel`.
     pixel : (n, 2) float
         Image points on the ball.
     outline : (3,) float
@@ -263,7 +264,7 @@ def solve_far(
     n_led = len(start)
     prior = np.append(np.full(3 * n_led, np.inf), np.full(3, OUTLINE_SIGMA))
     x = np.append(strength * start, np.zeros(3))
-    found = fit_pairs(pairs, far_model(view, pixel, outline, n_led), x, prior)
+    found = fit_events([part], far_model(view, pixel, outline, n_led), x, prior)
     v = found.x[:-3].reshape(n_led, 3)
     length = np.linalg.norm(v, axis=1)
     direction = v / length[:, None]
@@ -278,7 +279,7 @@ def solve_far(
 
 def solve_near(
     view: View,
-    pairs: PairTerms,
+    part: Watched,
     pixel: np.ndarray,
     outline: np.ndarray,
     start: np.ndarray,
@@ -296,7 +297,7 @@ def solve_near(
     prior = np.append(np.full(4 * n_led, np.inf), np.full(3, OUTLINE_SIGMA))
     x = np.append(np.column_stack([start, power]).ravel(), np.zeros(3))
     model = near_model(view, pixel, outline, n_led, ball_radius, depth)
-    found = fit_pairs(pairs, model, x, prior)
+    found = fit_events([part], model, x, prior)
     own = found.x[:-3].reshape(n_led, 4)
     center, _ = place_ball(view, outline + found.x[-3:], ball_radius, depth)
     to_led = own[:, :3] - center

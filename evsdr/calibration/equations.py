@@ -1,280 +1,215 @@
-"""Event pairs as equations for what is unknown of a rig, and their robust solution.
+"""What the events of watched pixels say of a rig: the unknowns of a model, with those of the sensor that all pixels share.
 
-The photoreceptor lags behind the light, more so in the dark: d log V / dt = (log I - log V) I / kappa. To
-first order it shows log V = log I - kappa I' / I^2, with one unknown kappa for all pixels.
-
-Plain least squares is biased: the time of an event depends on the noise of its own threshold (10 % of noise
-make C_w 2 % too large). So the equations are weighted with the derivatives at the times that are expected
-without noise, as instrumental variables (Reiersol 1945, "Confluence analysis by means of instrumental sets of
-variables").
+Lag, noise, a shift of all times, the refractory period, a leak, mean thresholds, and each pixel's own thresholds where
+one value is told for all, are unknown as in a fit.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.sparse import csr_array
 
-from evsdr.errors import InputError
-from evsdr.events.pairs import pair_events
-from evsdr.records import Recording
+from evsdr.calibration.likelihood import SENSOR, Belief, Model, Sums, first_belief, learnt, moved, sum_parts
+from evsdr.calibration.watched import Watched
+from evsdr.solve.shared.pixels import STEPS
+from evsdr.solve.shared.rig import NOT_NEGATIVE, Told
 
-MOST_PAIRS = 40_000  # that are fitted; more change nothing
-LEAST_CROSSFADE = 0.05  # of a slot: after a hard switch an event tells no exact change
-WIDE = 3.0  # scale of the Cauchy loss in standard deviations
-START_NOISE = 0.2  # relative to the thresholds, before it is known
-LEAST_NOISE = 1e-3
-LAG_SIGMA = 100.0  # what is known of kappa before [ms]
-MOST_STEPS = 20  # with instruments
+WITH_LAG = ("tau", "noise", "shift")  # light without a lag has kinks: its likelihood is not smooth in a shift
+DARK = 1.0  # tolerance of the dark current, over the constant light; guessed
+LAG_US = 1e5  # that of the time constant where the light is as bright as that; guessed
+START = {"tau": 400.0, "noise": 0.005}  # of a lag [us], and noise
+SCATTER, SPREAD = 0.2, 0.1  # of thresholds, relative, before they are known
+CLEAR = 4.0  # standard deviations from which there is a lag, and a dark current
+N_ROUND, N_STEP = 12, 6  # of steps with one scatter
 SMALL_STEP = 0.1  # of all standard deviations, at which they end
-N_PASS = 3  # fits, each with the noise that the one before found
-
-
-@dataclass(frozen=True)
-class PairTerms:
-    """Event pairs: log V_end - log V_start = change, where I = (1 - fade) A[led] + fade A[next] + C_w.
-
-    Attributes
-    ----------
-    point : (n_pair,) int
-        Which surface point is seen.
-    led : (n_pair, 4) int
-        LEDs at the end (now, next) and at the start (now, next); -1 is dark.
-    share : (n_pair, 4) float
-        Their weights, 1 - fade and fade, at end and start.
-    rate : (n_pair, 4) float
-        Change of the weights over time [1/ms].
-    change : (n_pair,) float
-        p C.
-    cluster : (n_pair,) int
-        Pixel: what its pairs have in common is one error, not many.
-    """
-
-    point: np.ndarray
-    led: np.ndarray
-    share: np.ndarray
-    rate: np.ndarray
-    change: np.ndarray
-    cluster: np.ndarray
+SETTLED = 0.01  # of the scatter
+MODEL_NOISE = 0.05  # by which the noise is found too small, relative; measured on patches under an EVK4
+MODEL_US = 10.0  # how far shift and refractory period are off beside their sigma: as of a fit, see `effects.shared`
+DAMPING = 1e-3, 1e-9, 1e6  # the first, the least, the most
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What the pairs say.
+    """What the events say.
 
     Attributes
     ----------
     x : (n_unknown,) float
-    lag_ms, lag_ms_sigma : float
-        kappa: the photoreceptor's time constant where the light is as bright as the constant light [ms].
     covariance : (n_unknown, n_unknown) float
-        From the scatter between pixels, so that errors which a pixel's pairs share count once.
-    residual : (n_pair,) float
-        Relative to the threshold: (change told - change seen) / C.
+        From the scatter between pixels, so that errors which a pixel's events share count once; and from what the
+        model of the lag and its noise leaves out.
+    sensor, sensor_sigma : dict of str to float
+        Of `SENSOR`: tau [us] where the light is as bright as the constant light, in which unit dark is, too; noise of
+        log I; shift, and refractory period over what is told [us]; leak [log I per us]; log C_on and C_off over what
+        is told. A sigma of 0: not there.
+    residual : (n_event,) float
+        Relative to the threshold, of the events that tell something.
+    part, pixel : (n_event,) int
+        Whose events these are: which part, and which of its pixels, y * width + x.
     noise : float
-        Robust standard deviation of the residual.
+        Their standard deviation, without that of photoreceptors.
     converged : bool
     condition : float
         Of the normal equations, after scaling: large where something can't be told.
     """
 
     x: np.ndarray
-    lag_ms: float
-    lag_ms_sigma: float
     covariance: np.ndarray
+    sensor: dict
+    sensor_sigma: dict
     residual: np.ndarray
+    part: np.ndarray
+    pixel: np.ndarray
     noise: float
     converged: bool
     condition: float
 
 
-# x -> A (n_led, n_point), dA by each LED's own unknowns (n_led, n_point, n_own), dA by shared unknowns
-# (n_led, n_point, n_shared). Unknowns: those of LED 0, of LED 1, ..., then the shared ones.
-Model = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+@dataclass(frozen=True)
+class Settled:
+    """The end of some steps."""
+
+    belief: Belief
+    sums: Sums
+    pull: np.ndarray
+    covariance: np.ndarray
+    condition: float
+    converged: bool
+
+    def shows(self, name: str, without: "Settled") -> bool:
+        """Tell whether an unknown of the sensor is more than noise, and explains the events better than the end without."""
+        k = SENSOR.index(name) - len(SENSOR)
+        clear = self.belief.x[k] > CLEAR * np.sqrt(self.covariance[k, k])
+        heard = self.sums.heard & without.sums.heard
+        return clear and self.cost(heard) < without.cost(heard) - 0.5 * CLEAR**2
+
+    def cost(self, heard: np.ndarray) -> float:
+        """Give -log of the posterior of some pixels."""
+        return float(self.sums.cost[heard].sum() + 0.5 * self.pull @ self.belief.x**2)
 
 
-def collect_pairs(recording: Recording, mask: np.ndarray, point: np.ndarray) -> PairTerms:
-    """List the event pairs of some pixels.
+def fit_events(
+    parts: Sequence[Watched], model: Model, start: np.ndarray, prior_sigma: np.ndarray, told: Told = Told()
+) -> Estimate:
+    """Find the unknowns that explain the events best.
 
-    Parameters
-    ----------
-    recording : Recording
-        Under the ring.
-    mask : (height, width) bool
-        Pixels that count.
-    point : (height, width) int
-        Surface point of each pixel.
-
-    Raises
-    ------
-    InputError
-        The LEDs switch hard, or no pair remains.
-    """
-    schedule, sensor = recording.schedule, recording.sensor
-    if schedule.crossfade < LEAST_CROSSFADE:
-        raise InputError(
-            f"schedule/crossfade is {schedule.crossfade:g}, and after a hard switch events tell no exact "
-            f"change of light; record the calibration with a crossfade of {LEAST_CROSSFADE:g} or more, "
-            "best 1."
-        )
-    pairs = pair_events(recording, mask)
-    pixel = np.repeat(np.arange(mask.size), np.diff(pairs.offset.astype(np.int64)))
-    lit = np.append(schedule.order, schedule.order[0])
-    led, share, rate = [], [], []
-    fade_rate = 1e3 / (schedule.crossfade * schedule.slot_us)
-    for phase in (pairs.phase_end, pairs.phase_start):
-        slot = phase.astype(np.int64)
-        fade = phase.astype(np.float64) - slot
-        led += [lit[slot], lit[slot + 1]]
-        share += [1 - fade, fade]
-        fading = np.where(fade > 0, fade_rate, 0.0)
-        rate += [-fading, fading]
-    on, off = (
-        np.broadcast_to(np.asarray(c, float), mask.shape).ravel()[pixel]
-        for c in (sensor.contrast_threshold_on, sensor.contrast_threshold_off)
-    )
-    change = np.where(pairs.polarity > 0, on, -off)
-    led, share, rate = (np.stack(columns, axis=1) for columns in (led, share, rate))
-    return PairTerms(point.ravel()[pixel], led, share, rate, change, pixel)
-
-
-def join_pairs(parts: list[PairTerms]) -> PairTerms:
-    """Put the pairs of several recordings together; their pixels stay apart."""
-    start = np.cumsum([0, *(part.cluster.max() + 1 for part in parts)])
-    names = ("point", "led", "share", "rate", "change")
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return PairTerms(**joined, cluster=np.concatenate([p.cluster + s for p, s in zip(parts, start)]))
-
-
-def sample_pairs(pairs: PairTerms, seed: int) -> PairTerms:
-    """Keep at most `MOST_PAIRS`, drawn evenly."""
-    n_pair = len(pairs.change)
-    if n_pair <= MOST_PAIRS:
-        return pairs
-    kept = np.sort(np.random.default_rng(seed).choice(n_pair, MOST_PAIRS, replace=False))
-    return PairTerms(*(getattr(pairs, field.name)[kept] for field in fields(pairs)))
-
-
-def fit_pairs(pairs: PairTerms, model: Model, start: np.ndarray, prior_sigma: np.ndarray) -> Estimate:
-    """Find the unknowns that explain the pairs best.
-
-    Residuals are relative to the threshold, under Cauchy's loss. Unknowns with a finite `prior_sigma` are
-    known to lie about 0. The unit of all signals is the constant light C_w.
+    Unknowns with a finite `prior_sigma` are known to lie about 0. The unit of all signals is the constant light C_w.
 
     Parameters
     ----------
-    pairs : PairTerms
+    parts : sequence of Watched
+        Of one sensor.
     model : Model
         Signals of the LEDs and their derivatives.
     start : (n_unknown,) float
     prior_sigma : (n_unknown,) float
         Standard deviation about 0; infinite for what is not known before.
+    told : Told
+        How well the sensor is known.
     """
-    x, prior = np.append(start, 0.0), np.append(prior_sigma, LAG_SIGMA)
-    known, noise = np.flatnonzero(np.isfinite(prior)), START_NOISE
-    for _ in range(N_PASS):
-        result = least_squares(
-            lambda v: np.append(_residuals(pairs, model(v[:-1])[0], v[-1]), noise * v[known] / prior[known]),
-            x,
-            jac=lambda v: np.vstack(
-                [_jacobian(pairs, model(v[:-1]), v[-1]), noise * np.diag(1 / prior)[known]]
-            ),
-            loss="cauchy",
-            f_scale=WIDE * noise,
-            x_scale="jac",
-            ftol=1e-7,
-            max_nfev=60,
-        )
-        x = result.x
-        residual = _residuals(pairs, model(x[:-1])[0], x[-1])
-        noise = max(1.4826 * float(np.median(np.abs(residual))), LEAST_NOISE)
-    for _ in range(MOST_STEPS):
-        step, covariance, condition, residual = _instrument_step(pairs, model, x, prior, noise)
-        x = x - step
-        sigma = np.sqrt(np.diagonal(covariance))
-        if small := bool((np.abs(step) < SMALL_STEP * sigma).all()):
-            break
+    n = len(start)
+    sensor = [LAG_US, DARK, told.noise, told.shift_us, told.refractory_us, told.leak * 1e-6]
+    prior = np.concatenate([prior_sigma, sensor, [told.thresholds] * 2])
+    belief = first_belief(parts, np.append(start, np.zeros(len(SENSOR))), SCATTER, SPREAD)
+    found = _settle(parts, model, belief, prior, (*WITH_LAG, "dark"))
+    x = found.belief.x.copy()
+    for name, value in START.items():
+        x[n + SENSOR.index(name)] = value
+    late = _settle(parts, model, replace(found.belief, x=x), prior, ("dark",))
+    if late.shows("tau", found):
+        dark = _settle(parts, model, late.belief, prior, ())
+        found = dark if dark.shows("dark", late) else late
+    sigma = np.sqrt(np.maximum(np.diagonal(found.covariance), 0))
+    residual = np.concatenate(found.sums.residual)
+    tells, n_event = np.isfinite(residual), [len(part.pixel_of_event) for part in parts]
     return Estimate(
-        x=x[:-1],
-        lag_ms=float(x[-1]),
-        lag_ms_sigma=float(sigma[-1]),
-        covariance=covariance[:-1, :-1],
-        residual=residual,
-        noise=noise,
-        converged=small,
-        condition=condition,
+        x=found.belief.x[:n],
+        covariance=found.covariance[:n, :n],
+        sensor=dict(zip(SENSOR, found.belief.x[n:].tolist())),
+        sensor_sigma=dict(zip(SENSOR, sigma[n:].tolist())),
+        residual=residual[tells],
+        part=np.repeat(np.arange(len(parts)), n_event)[tells],
+        pixel=np.concatenate([part.pixel_of_event for part in parts])[tells],
+        noise=found.belief.scatter,
+        converged=found.converged,
+        condition=found.condition,
     )
 
 
-def _instrument_step(pairs, model, x, prior, noise):
-    """Give a Gauss-Newton step of the weighted equations, covariance, condition, and residuals.
+def _settle(
+    parts: Sequence[Watched], model: Model, belief: Belief, prior: np.ndarray, still: tuple[str, ...]
+) -> Settled:
+    """Make damped steps (Marquardt 1963) of all but some unknowns of the sensor."""
+    n = len(prior) - len(SENSOR)
+    free = np.setdiff1d(np.arange(len(prior)), [n + SENSOR.index(name) for name in still])
+    stirred = tuple(name for name in STEPS if name not in still)
+    least = np.append(np.full(n, -np.inf), [0.0 if name in NOT_NEGATIVE else -np.inf for name in SENSOR])
+    least[n + SENSOR.index("refractory")] = -min(part.refractory_us for part in parts)
+    pull, damping, converged = prior**-2.0, DAMPING[0], False
+    for _ in range(N_ROUND):
+        sums, longest = sum_parts(parts, model, belief, stirred), 0.0
+        for _ in range(N_STEP):
+            matrix, slope = sums.matrix + np.diag(pull), sums.gradient + pull * belief.x
+            scale = _scale(matrix)[free]
+            scaled = matrix[np.ix_(free, free)] / np.outer(scale, scale)
+            step = np.zeros(len(prior))
+            step[free] = np.linalg.solve(scaled + damping * np.eye(len(free)), -slope[free] / scale) / scale
+            new = moved(belief, step, sums, least)
+            after = sum_parts(parts, model, new, stirred)
+            change = (after.cost - sums.cost)[sums.heard].sum() + 0.5 * pull @ (new.x**2 - belief.x**2)
+            if not change <= 0:
+                damping = min(damping * 10, DAMPING[2])
+                continue
+            damping = max(damping / 10, DAMPING[1])
+            length = float(np.abs((new.x - belief.x)[free] * scale).max())
+            belief, sums, longest = new, after, max(longest, length)
+            if length < SMALL_STEP:
+                break
+        told, belief = belief.scatter, learnt(parts, belief, sums)
+        if converged := longest < SMALL_STEP and abs(told / belief.scatter - 1) < SETTLED:
+            break
+    matrix = (sums.matrix + np.diag(pull))[np.ix_(free, free)]
+    covariance, condition = _covariance(sums, matrix, pull, free)
+    if "tau" not in still:
+        covariance += _left_out(matrix, free, belief.x)
+    return Settled(belief, sums, pull, covariance, condition, converged)
 
-    The covariance is the sandwich of Liang and Zeger 1986, Biometrika 73(1), eq. 7, with pixels as clusters.
+
+def _scale(matrix: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+
+
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Invert a symmetric matrix that may be singular."""
+    scale = np.outer(_scale(matrix), _scale(matrix))
+    return np.linalg.pinv(matrix / scale, rcond=1e-12) / scale
+
+
+def _covariance(
+    sums: Sums, matrix: np.ndarray, pull: np.ndarray, free: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Give the sandwich of Liang and Zeger 1986, Biometrika 73(1), eq. 7, with pixels as clusters, and the condition.
+
+    Unknowns bend the scores of few clusters toward 0: the factor is that of MacKinnon and White 1985, J. Econometrics
+    29(3), eq. 5.
     """
-    modelled = model(x[:-1])
-    residual = _residuals(pairs, modelled[0], x[-1])
-    weight = 1 / (1 + (residual / (WIDE * noise)) ** 2)
-    instrument = weight[:, None] * _jacobian(_expected(pairs, modelled[0]), modelled, x[-1])
-    pull = (noise / prior) ** 2
-    normal = instrument.T @ _jacobian(pairs, modelled, x[-1]) + np.diag(pull)
-    length = np.sqrt(np.maximum(np.abs(np.diagonal(normal)), 1e-300))
-    scaled = normal / np.outer(length, length)
-    inverse = np.linalg.pinv(scaled, rcond=1e-12) / np.outer(length, length)
-    _, cluster = np.unique(pairs.cluster, return_inverse=True)
-    gather = csr_array((residual, (cluster, np.arange(len(cluster)))))
-    score = gather @ instrument
-    covariance = inverse @ (score.T @ score + np.diag(noise**2 * pull)) @ inverse.T
-    step = inverse @ (instrument.T @ residual + pull * x)
-    return step, covariance, float(np.linalg.cond(scaled)), residual
+    scale, inverse = _scale(matrix), _inverse(matrix)
+    score = sums.score[:, free]
+    few = len(score) / max(len(score) - len(free), 1)
+    covariance = np.zeros((len(pull), len(pull)))
+    covariance[np.ix_(free, free)] = inverse @ (few * score.T @ score + np.diag(pull[free])) @ inverse
+    return covariance, float(np.linalg.cond(matrix / np.outer(scale, scale)))
 
 
-def _light(pairs: PairTerms, signal: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Give I and dI/dt [1/ms] at end and start of each pair (2, n_pair); the unit is C_w."""
-    dark = np.vstack([signal, np.zeros_like(signal[:1])])  # LED -1
-    seen = dark[pairs.led, pairs.point[:, None]]
-    light, slope = (
-        np.stack([part[:, :2].sum(axis=1), part[:, 2:].sum(axis=1)])
-        for part in (pairs.share * seen, pairs.rate * seen)
-    )
-    return 1 + light, slope
-
-
-def _expected(pairs: PairTerms, signal: np.ndarray) -> PairTerms:
-    """Move the ends of the pairs to where they would be without noise."""
-    light, _ = _light(pairs, signal)
-    dark = np.vstack([signal, np.zeros_like(signal[:1])])
-    now, after = dark[pairs.led[:, 0], pairs.point], dark[pairs.led[:, 1], pairs.point]
-    rise = np.where(np.abs(after - now) > 1e-9, after - now, 1e-9)
-    fade = np.clip((light[1] * np.exp(pairs.change) - 1 - now) / rise, 0, 1)
-    fading = pairs.rate[:, 1] > 0
-    share = pairs.share.copy()
-    share[:, 0], share[:, 1] = np.where(fading, 1 - fade, share[:, 0]), np.where(fading, fade, share[:, 1])
-    return replace(pairs, share=share)
-
-
-def _residuals(pairs: PairTerms, signal: np.ndarray, lag: float) -> np.ndarray:
-    light, slope = _light(pairs, signal)
-    shown = np.log(light) - lag * slope / light**2
-    return (shown[0] - shown[1] - pairs.change) / np.abs(pairs.change)
-
-
-def _jacobian(pairs: PairTerms, modelled: tuple[np.ndarray, ...], lag: float) -> np.ndarray:
-    signal, own, shared = modelled
-    n_led, n_own, n_shared = len(signal), own.shape[2], shared.shape[2]
-    light, slope = _light(pairs, signal)
-    by_light, by_slope = 1 / light + 2 * lag * slope / light**3, -lag / light**2
-    jacobian = np.zeros((len(pairs.change), n_led * n_own + n_shared + 1))
-    row, size = np.arange(len(jacobian)), np.abs(pairs.change)
-    for k in range(4):
-        when, sign = k // 2, 1 - 2 * (k // 2)
-        led = pairs.led[:, k]
-        gain = by_light[when] * pairs.share[:, k] + by_slope[when] * pairs.rate[:, k]
-        gain *= sign * (led >= 0) / size
-        at = np.maximum(led, 0)
-        for i in range(n_own):
-            jacobian[row, at * n_own + i] += gain * own[at, pairs.point, i]
-        jacobian[:, n_led * n_own : -1] += gain[:, None] * shared[at, pairs.point]
-    shown = slope / light**2
-    jacobian[:, -1] = (shown[1] - shown[0]) / size
-    return jacobian
+def _left_out(matrix: np.ndarray, free: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Give the covariance of what follows from times and noise that the model of a lag tells wrong."""
+    n = len(x)
+    wrong = {n - len(SENSOR) + SENSOR.index(name): MODEL_US for name in ("shift", "refractory")}
+    noise = n - len(SENSOR) + SENSOR.index("noise")
+    wrong[noise] = MODEL_NOISE * x[noise]
+    here = np.isin(free, list(wrong))
+    response = np.zeros((n, len(wrong)))
+    response[free[here]] = np.eye(len(wrong))
+    response[free[~here]] = -_inverse(matrix[np.ix_(~here, ~here)]) @ matrix[np.ix_(~here, here)]
+    response *= [wrong[k] for k in free[here]]
+    return response @ response.T

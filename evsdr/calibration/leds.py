@@ -8,10 +8,10 @@ import numpy as np
 
 from evsdr.calibration import ball as balls
 from evsdr.calibration import draw
-from evsdr.calibration.equations import collect_pairs, sample_pairs
 from evsdr.calibration.mirror import find_highlights, led_contrast
 from evsdr.calibration.ring_recording import count_events, fit_result, nominal_light, read_ring_events
 from evsdr.calibration.scene_text import find_leds, flatten, include_text, place_led, scale_led
+from evsdr.calibration.watched import MOST_EVENTS, watch
 from evsdr.errors import InputError, check_range
 from evsdr.files.mask import read_mask
 from evsdr.light.camera import view_of
@@ -180,7 +180,7 @@ def _mirror(ball, view, recording, outline, n_led, seed):
 def _matt(ball, view, recording, outline, nominal, gain, ring, seed):
     shape = (ring.height, ring.width)
     mask = balls.ball_pixels(view, outline, shape, seed)
-    pairs = sample_pairs(collect_pairs(recording, mask, np.cumsum(mask).reshape(shape) - 1), seed)
+    part = watch(recording, mask, np.cumsum(mask).reshape(shape) - 1, MOST_EVENTS, seed)
     pixel = pixel_centers(mask)
     depth = depth_of_origin(view, ball.center_z)
     if ball.near:
@@ -191,8 +191,8 @@ def _matt(ball, view, recording, outline, nominal, gain, ring, seed):
         far = np.array([ring.leds.is_far(j) for j in range(ring.leds.n_led)])
         distance = np.where(far, FAR * size, 1 / np.sqrt(np.maximum(gain, 1e-12)))
         start = view.point_to_camera(np.zeros(3)) + distance[:, None] * nominal
-        found = balls.solve_near(view, pairs, pixel, outline, start, START_RATIO, radius, depth)
+        found = balls.solve_near(view, part, pixel, outline, start, START_RATIO, radius, depth)
     else:
-        found = balls.solve_far(view, pairs, pixel, outline, nominal, START_RATIO)
-    image = draw.pixel_mean(found.solution.residual, pairs.cluster, shape)
-    return found, image, fit_result(found.solution, int(np.count_nonzero(mask)))
+        found = balls.solve_far(view, part, pixel, outline, nominal, START_RATIO)
+    image = draw.pixel_mean(found.solution.residual, found.solution.pixel, shape)
+    return found, image, fit_result(found.solution, [part])

@@ -5,11 +5,13 @@ tilt. Events tell ratios of (A_j + C_w) only: one tilt has one ratio too few for
 have enough. Powers and C_w share one unit, which events can't tell: the mean power is that of the scene file.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from evsdr.calibration.equations import Estimate, PairTerms, fit_pairs
+from evsdr.calibration.equations import Estimate, fit_events
+from evsdr.calibration.watched import Watched
 from evsdr.errors import InputError
 
 VAGUE = 0.5  # relative standard deviation of C_w from which it counts as unknown
@@ -102,14 +104,18 @@ def tilted(normal: np.ndarray, axes: np.ndarray, tilt: np.ndarray) -> tuple[np.n
 
 
 def solve_powers(
-    patches: list[Patch], pairs: PairTerms, start: np.ndarray, start_light: float, tilt_sigma_deg: float
+    patches: list[Patch],
+    parts: Sequence[Watched],
+    start: np.ndarray,
+    start_light: float,
+    tilt_sigma_deg: float,
 ) -> Powers:
     """Find powers and constant light.
 
     Parameters
     ----------
     patches : list of Patch
-    pairs : PairTerms
+    parts : sequence of Watched
         Their points count through the points of all patches.
     start : (n_led,) float
         Powers as the scene file has them; their mean sets the unit.
@@ -125,7 +131,7 @@ def solve_powers(
     """
     n_led, n_patch = len(start), len(patches)
     lit = sum(np.max(p.gain * np.maximum(p.direction @ p.normal, 0), axis=1) for p in patches)
-    seen = np.isin(np.arange(n_led), pairs.led)
+    seen = np.isin(np.arange(n_led), np.concatenate([part.order for part in parts]))
     if not (lit > 0).all() or not seen.all():
         j = int(np.flatnonzero((lit <= 0) | ~seen)[0])
         raise InputError(f"no tilt shows LED {j} to the patch; add one that faces it, or light it in order.")
@@ -133,11 +139,11 @@ def solve_powers(
     sigma = np.radians(max(tilt_sigma_deg, LEAST_SIGMA_DEG))
     prior = np.append(np.full(n_led, np.inf), np.full(2 * n_patch, sigma))
     x = np.append(np.log(start / max(start_light, 1e-3 * mean)), np.zeros(2 * n_patch))
-    found = fit_pairs(pairs, patch_model(patches), x, prior)
+    found = fit_events(parts, patch_model(patches), x, prior)
     ratio = np.exp(np.clip(found.x[:n_led], -WIDEST, WIDEST))
     cov = found.covariance[:n_led, :n_led]
     share = ratio / ratio.sum()
-    light_sigma = np.sqrt(share @ cov @ share)  # of log C_w, as C_w = mean power / mean ratio
+    light_sigma = np.sqrt(max(share @ cov @ share, 0))  # of log C_w, as C_w = mean power / mean ratio
     if found.condition > 1e9 or not light_sigma < VAGUE:
         raise InputError(
             "the tilts don't tell the powers of the LEDs from the constant light; "
@@ -151,7 +157,7 @@ def solve_powers(
     variance = np.diagonal(found.covariance)[n_led:].reshape(n_patch, 2).sum(axis=1)
     return Powers(
         power=power,
-        power_sigma=power * np.sqrt(np.einsum("ja,ab,jb->j", relative, cov, relative)),
+        power_sigma=power * np.sqrt(np.maximum(np.einsum("ja,ab,jb->j", relative, cov, relative), 0)),
         constant_light=float(mean / ratio.mean()),
         constant_light_sigma=float(mean / ratio.mean() * light_sigma),
         normal=normal,

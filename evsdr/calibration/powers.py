@@ -11,7 +11,6 @@ from evsdr.calibration import ball as balls
 from evsdr.calibration import chart as colours
 from evsdr.calibration import draw
 from evsdr.calibration import patch as patching
-from evsdr.calibration.equations import PairTerms, collect_pairs, join_pairs, sample_pairs
 from evsdr.calibration.ring_recording import (
     NominalLight,
     count_events,
@@ -20,6 +19,7 @@ from evsdr.calibration.ring_recording import (
     read_ring_events,
 )
 from evsdr.calibration.scene_text import find_leds, flatten, include_text, scale_led
+from evsdr.calibration.watched import MOST_EVENTS, Watched, watch
 from evsdr.errors import InputError, check_range
 from evsdr.files.mask import read_mask
 from evsdr.light.entry import open_scene
@@ -59,26 +59,26 @@ def powers(
     ring = open_scene(scene, define)
     nominal, power = nominal_light(ring), ring.leds.power
     band_reflectance = _patch_reflectance(reflectance, ring.leds.band_spectrum)[ring.leds.band]
-    tilts, parts = zip(*(_read_tilt(text, ring, nominal, band_reflectance) for text in patches))
+    most = MOST_EVENTS // len(patches)
+    tilts, parts = zip(*(_read_tilt(text, ring, nominal, band_reflectance, most, seed) for text in patches))
     first = np.cumsum([0, *(tilt.gain.shape[1] for tilt in tilts)])  # number of each tilt's first point
-    joined = join_pairs([replace(part, point=part.point + n) for part, n in zip(parts, first)])
-    pairs = sample_pairs(joined, seed)
+    parts = [replace(part, point=part.point + n) for part, n in zip(parts, first)]
     start_light = ring.constant_light or START_LIGHT * power.mean()
-    found = patching.solve_powers(list(tilts), pairs, power, start_light, tilt_sigma_deg)
+    found = patching.solve_powers(list(tilts), parts, power, start_light, tilt_sigma_deg)
     leds = [
         scale_led(led, float(factor))
         for led, factor in zip(find_leds(flatten(scene, define or {})), found.power / power)
     ]
     title = "LED powers and constant light of evsdr.calibrate powers; include it before any other default."
     (folder / "rig.xml").write_text(include_text(title, leds, {"constant_light": found.constant_light}))
-    owner = np.searchsorted(first, pairs.point, side="right") - 1
-    residual, noise = found.solution.residual, found.solution.noise
-    draw.draw_powers(folder / "residuals.png", power, found.power, found.power_sigma, owner, residual, noise)
+    by = found.solution
+    shown = power, found.power, found.power_sigma, by.part, by.residual, by.noise
+    draw.draw_powers(folder / "residuals.png", *shown)
     return {
         "scene": str(scene),
         "unit": "events tell ratios only: the mean power is that of the scene file, C_w is in that unit",
         "constant_light": {"value": found.constant_light, "sigma": found.constant_light_sigma},
-        "fit": fit_result(found.solution, len(np.unique(joined.cluster))),
+        "fit": fit_result(found.solution, parts),
         "leds": [
             {"id": led.get("id"), "power": float(p), "sigma": float(s), "scene_file": float(n)}
             for led, p, s, n in zip(leds, found.power, found.power_sigma, power)
@@ -96,9 +96,9 @@ def powers(
 
 
 def _read_tilt(
-    text: str, ring, nominal: NominalLight, band_reflectance: np.ndarray
-) -> tuple[patching.Patch, PairTerms]:
-    """Read one tilt of the patch as the command names it: what its points would give, and its pairs."""
+    text: str, ring, nominal: NominalLight, band_reflectance: np.ndarray, most: int, seed: int
+) -> tuple[patching.Patch, Watched]:
+    """Read one tilt of the patch as the command names it: what its points would give, and its pixels."""
     path, normal, mask_path = _parse_patch(text)
     recording, shape = read_ring_events(path, ring), (ring.height, ring.width)
     mask = read_mask(mask_path, shape) if mask_path else _inner(balls.firing_mask(count_events(recording)))
@@ -108,14 +108,14 @@ def _read_tilt(
         raise InputError(f"{path}: no pixel sees the patch; give a mask, or place the scene's object there.")
     point = np.cumsum(mask).reshape(shape) - 1 if nominal.near else np.zeros(shape, int)
     try:
-        pairs = collect_pairs(recording, mask, point)
+        part = watch(recording, mask, point, most, seed)
     except InputError as error:
         raise InputError(
             f"{path}: {error} A patch that all LEDs light alike fires nothing: put dark slots between them."
         ) from error
     chosen = mask[nominal.mask] if nominal.near else slice(None)
     gain = nominal.gain[:, chosen] * band_reflectance[:, None]
-    return patching.Patch(normal, nominal.direction[:, chosen], gain), pairs
+    return patching.Patch(normal, nominal.direction[:, chosen], gain), part
 
 
 def _inner(mask: np.ndarray) -> np.ndarray:

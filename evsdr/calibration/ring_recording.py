@@ -1,11 +1,14 @@
 """A recording and the scene under whose ring it was made: what calibrations of LEDs share."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from evsdr.calibration.equations import Estimate
+from evsdr.calibration.watched import Watched
 from evsdr.errors import InputError, InputWarning
 from evsdr.files.events_h5 import read_recording
 from evsdr.light.checks import check_film, check_object
@@ -82,7 +85,8 @@ def nominal_light(ring) -> NominalLight:
     return NominalLight(direction, np.stack([np.broadcast_to(g, (n,)) for g in gain]), mask)
 
 
-def fit_result(solution, n_pixel: int) -> dict:
+def fit_result(solution: Estimate, parts: Sequence[Watched]) -> dict:
+    """Give what calibration.json holds of a fit, and warn of what speaks against it."""
     if solution.noise > MISFIT:
         warnings.warn(
             InputWarning(
@@ -93,9 +97,19 @@ def fit_result(solution, n_pixel: int) -> dict:
     if not solution.converged:
         warnings.warn(InputWarning("the estimate has not settled; its sigma is too small."))
     return {
-        "pixels": n_pixel,
+        "pixels": sum(len(part.number) for part in parts),
         "pairs": len(solution.residual),
         "relative_threshold_noise": solution.noise,
         "settled": solution.converged,
-        "photoreceptor_lag_ms_at_constant_light": {"value": solution.lag_ms, "sigma": solution.lag_ms_sigma},
+        "photoreceptor_lag_ms_at_constant_light": _entry(solution, "tau", 1e-3),
+        "photoreceptor_noise": _entry(solution, "noise"),
+        "photoreceptor_dark_current_over_constant_light": _entry(solution, "dark"),
+        "shift_us": _entry(solution, "shift"),
+        "refractory_us": _entry(solution, "refractory", told=parts[0].refractory_us),
+        "leak_per_s": _entry(solution, "leak", 1e6),
+        "log_threshold_over_told": {name: _entry(solution, name) for name in ("on", "off")},
     }
+
+
+def _entry(solution: Estimate, name: str, unit: float = 1.0, told: float = 0.0) -> dict:
+    return {"value": told + unit * solution.sensor[name], "sigma": unit * solution.sensor_sigma[name]}

@@ -1,4 +1,4 @@
-"""The blob, its mesh and picked points of it, for poses; few pairs, for speed."""
+"""The blob, its mesh and picked points of it, for poses; few events, for speed."""
 
 import numpy as np
 import pytest
@@ -7,9 +7,10 @@ from tests.conftest import REPOSITORY
 
 
 @pytest.fixture(autouse=True)
-def few_pairs(monkeypatch):
+def few_events(monkeypatch):
     """Enough for the accuracy asked for, and quick."""
-    monkeypatch.setattr("evsdr.calibration.equations.MOST_PAIRS", 12_000)
+    for name in ("powers", "leds"):
+        monkeypatch.setattr(f"evsdr.calibration.{name}.MOST_EVENTS", 12_000)
 
 
 @pytest.fixture(scope="session")

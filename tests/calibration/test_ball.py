@@ -12,7 +12,7 @@ from evsdr.calibration.ball import (
     solve_far,
     solve_near,
 )
-from evsdr.calibration.equations import collect_pairs, sample_pairs
+from evsdr.calibration.watched import watch
 from evsdr.events.simulator import simulate_events
 from evsdr.metrics import angular_error_deg
 from evsdr.model.view import CameraGeometry, View, pixel_centers
@@ -27,9 +27,9 @@ def solve(view, recording, mask=None):
     np.add.at(count, (recording.events.y, recording.events.x), 1)
     outline = fit_outline(view, firing_mask(count) if mask is None else mask)
     chosen = ball_pixels(view, outline, count.shape, 0)
-    pairs = sample_pairs(collect_pairs(recording, chosen, np.cumsum(chosen).reshape(count.shape) - 1), 0)
+    part = watch(recording, chosen, np.cumsum(chosen).reshape(count.shape) - 1, 12_000, 0)
     n_led = int(recording.schedule.order.max()) + 1
-    return solve_far(view, pairs, pixel_centers(chosen), outline, ring_directions(n_led), 10.0)
+    return solve_far(view, part, pixel_centers(chosen), outline, ring_directions(n_led), 10.0)
 
 
 def test_directions_within_a_third_of_a_degree(rng):
@@ -115,9 +115,9 @@ def test_near_leds(rng):
     recording = Recording(events, Sensor(size, size, on, off, 52.0), schedule, starts)
     outline = np.array([size / 2, size / 2, radius / np.sqrt(63) / width])
     chosen = ball_pixels(view, outline, (size, size), 0)
-    pairs = sample_pairs(collect_pairs(recording, chosen, np.cumsum(chosen).reshape(size, size) - 1), 0)
+    part = watch(recording, chosen, np.cumsum(chosen).reshape(size, size) - 1, 12_000, 0)
     start = center + 3.5 * ring_directions(n_led)
-    found = solve_near(view, pairs, pixel_centers(chosen), outline, start, 10.0, radius, 0.0)
+    found = solve_near(view, part, pixel_centers(chosen), outline, start, 10.0, radius, 0.0)
     assert np.linalg.norm(found.position - place, axis=1).max() < 0.1
     assert angular_error_deg(found.direction, place - center).max() < 0.6
     assert 0 < found.position_sigma.max() < 0.1

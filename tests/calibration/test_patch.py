@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evsdr.calibration.equations import collect_pairs, join_pairs, sample_pairs
 from evsdr.calibration.patch import Patch, solve_powers
+from evsdr.calibration.watched import watch
 from evsdr.errors import InputError
 from evsdr.events.pixel import EventPixel
 from tests.support.analytic import ring_directions
@@ -20,9 +20,9 @@ def solve(tilts, order, power, told=None, tilt_sigma_deg=0.3, pixel=NOISY):
     parts, patches = [], []
     for k, normal in enumerate(tilts):
         recording = record_patch(direction, power, normal, order, seed=k, pixel=pixel)
-        parts.append(collect_pairs(recording, mask, np.full(mask.shape, k)))
+        parts.append(watch(recording, mask, np.full(mask.shape, k), 4000, 0))
         patches.append(Patch((told or tilts)[k], direction[:, None], np.full((24, 1), WHITE)))
-    return solve_powers(patches, sample_pairs(join_pairs(parts), 0), np.ones(24), 0.2, tilt_sigma_deg)
+    return solve_powers(patches, parts, np.ones(24), 0.2, tilt_sigma_deg)
 
 
 @pytest.mark.parametrize("order", [WITH_DARK, tuple(range(24))], ids=["dark slots", "no dark slots"])
@@ -67,9 +67,8 @@ def test_tilts_that_hardly_differ_are_refused():
         solve(tilts, tuple(range(24)), np.linspace(0.5, 1.5, 24), tilt_sigma_deg=5.0, pixel=fine)
 
 
-def test_noise_of_the_thresholds_does_not_bias_c_w(monkeypatch):
+def test_noise_of_the_thresholds_does_not_bias_c_w():
     """Ten percent: plain least squares makes C_w two to three percent too large."""
-    monkeypatch.setattr("evsdr.calibration.equations.MOST_PAIRS", 30_000)
     noisy = replace(NOISY, event_noise=0.1)
     found = solve(TILTS, WITH_DARK, np.ones(24), pixel=noisy)
     assert found.constant_light == pytest.approx(LIGHT, rel=0.012)

@@ -124,9 +124,6 @@ class Pixels:
         """
         light, n_map = self.light, 2 + self.light.n_band
         gains, maps = theta[:, n_map:] if own_thresholds else rig.log_threshold, theta[:, :n_map]
-        values = np.tile([getattr(rig, name) for name in TIMES], (4, 1))
-        values[:, 0] = max(rig.tau, SHORTEST)
-        values[1:, : len(STEPS)] += np.diag([h if name in stirred else 0.0 for name, h in STEPS.items()])
         return pixel_sums(
             self.events,
             self.leds,
@@ -136,12 +133,20 @@ class Pixels:
             self.tilts(maps, rig) if tilted else np.zeros((len(theta), light.n_led, 0)),
             self.threshold * np.exp(gains),
             own_thresholds,
-            values,
+            stirred_values(rig, stirred),
             terms,
             TABLE,
             weigh,
             some,
         )
+
+
+def stirred_values(rig: Rig, stirred: tuple[str, ...]) -> np.ndarray:
+    """Give the `values` of `kernel.pixel_sums`, with derivatives by some of `STEPS`."""
+    values = np.tile([getattr(rig, name) for name in TIMES], (4, 1))
+    values[:, 0] = max(rig.tau, SHORTEST)
+    values[1:, : len(STEPS)] += np.diag([h if name in stirred else 0.0 for name, h in STEPS.items()])
+    return values
 
 
 @recorded
@@ -181,19 +186,7 @@ def choose(problem: Problem, solution: Solution, most: int) -> np.ndarray:
 
 def collect(recording: Recording, problem: Problem, solution: Solution, row: np.ndarray) -> Pixels:
     """Collect some rows of a problem, with the events of their pixels."""
-    chosen = np.zeros(problem.grid.mask.shape, bool)
-    number = problem.pixel[row]
-    chosen.ravel()[number] = True
-    offset, p, t = sort_by_pixel(*(getattr(recording.events, name) for name in "xypt"), chosen)
-    first = np.append(offset[number], offset[-1])
-    schedule, rounds = recording.schedule, recording.round_start_us
-    at, inside = position(t, schedule, rounds)
-    end = rounds[-1] if len(rounds) > 1 else recording.events.t.max()
-    last = t[first[1:] - 1]
-    gap, rest = np.diff(t, prepend=t[:1]), np.maximum(end - last, 0)
-    inside &= np.append(False, inside[:-1])
-    polarity = (2 * p - 1).astype(np.int8)
-    pairs, light = problem.pairs, problem.illumination
+    schedule, pairs, light = recording.schedule, problem.pairs, problem.illumination
     Float, UInt32 = type(light.constant_light), type(pairs.offset)
     soft = dr.opaque(Float, light.horizon, problem.n_pixel)
     if solution.curved:
@@ -203,9 +196,24 @@ def collect(recording: Recording, problem: Problem, solution: Solution, row: np.
     return Pixels(
         model=LambertianRing(here),
         softness=owned(Float, soft.numpy()[row]),
-        events=(first, at, gap / schedule.slot_us, polarity, inside, rest / schedule.slot_us),
+        events=events_of(recording, problem.pixel[row]),
         leds=np.where(schedule.order < 0, light.n_led, schedule.order).astype(np.int64),
         threshold=np.stack(thresholds, axis=-1).astype(float),
         crossfade=float(schedule.crossfade),
         slot_us=float(schedule.slot_us),
     )
+
+
+def events_of(recording: Recording, number: np.ndarray) -> tuple:
+    """Give the `events` of `kernel.pixel_sums` of pixels y * width + x, growing, each with an event at least."""
+    chosen = np.zeros((recording.sensor.height, recording.sensor.width), bool)
+    chosen.ravel()[number] = True
+    offset, p, t = sort_by_pixel(*(getattr(recording.events, name) for name in "xypt"), chosen)
+    first = np.append(offset[number], offset[-1])
+    schedule, rounds = recording.schedule, recording.round_start_us
+    at, inside = position(t, schedule, rounds)
+    end = rounds[-1] if len(rounds) > 1 else recording.events.t.max()
+    gap, rest = np.diff(t, prepend=t[:1]), np.maximum(end - t[first[1:] - 1], 0)
+    inside &= np.append(False, inside[:-1])
+    polarity = (2 * p - 1).astype(np.int8)
+    return first, at, gap / schedule.slot_us, polarity, inside, rest / schedule.slot_us

@@ -230,19 +230,23 @@ class Posterior:
             left = np.einsum("nii->ni", np.linalg.inv(point.matrix[:, :n, :n]))[:, self.n_map :]
             off = point.theta[:, self.n_map :] - self.rig(point.free).log_threshold
             spread = np.sqrt(np.maximum(np.mean(off**2 + left, axis=0), SMALLEST_SPREAD**2))
-        heard = self._agree(point, scatter)
+        heard = agreeing(point.residual, point.variance, self.pixels.events[0], scatter)
         return replace(self, scatter=float(scatter), spread=spread, weigh=point.variance, heard=heard)
 
-    def _agree(self, point: Point, scatter: float) -> np.ndarray:
-        """Tell which pixels' events agree with the model about as well as those of most; others sit in a wrong minimum."""
-        misfit = np.log1p(point.residual**2 / (scatter**2 + point.variance) / ROBUST**2)
-        counts = np.isfinite(misfit)
-        summed = np.append(0.0, np.cumsum(np.where(counts, misfit - misfit[counts].mean(), 0.0)))
-        number = np.append(0, np.cumsum(counts))
-        total, n = (np.diff(of[self.pixels.events[0]]) for of in (summed, number))
-        away = total / np.sqrt(np.maximum(n, 1))
-        away -= np.median(away)
-        return away**2 <= AGREES**2 * np.median(away**2) / MEDIAN_OF_SQUARE
+
+def agreeing(residual: np.ndarray, variance: np.ndarray, offset: np.ndarray, scatter: float) -> np.ndarray:
+    """Tell which pixels' events agree with the model about as well as those of most; others sit in a wrong minimum.
+
+    Events of pixel i are offset[i] .. offset[i + 1]; residual and variance are those of `kernel.pixel_sums`.
+    """
+    misfit = np.log1p(residual**2 / (scatter**2 + variance) / ROBUST**2)
+    counts = np.isfinite(misfit)
+    summed = np.append(0.0, np.cumsum(np.where(counts, misfit - misfit[counts].mean(), 0.0)))
+    number = np.append(0, np.cumsum(counts))
+    total, n = (np.diff(of[offset]) for of in (summed, number))
+    away = total / np.sqrt(np.maximum(n, 1))
+    away -= np.median(away)
+    return away**2 <= AGREES**2 * np.median(away**2) / MEDIAN_OF_SQUARE
 
 
 def _stacked(of_pixels: np.ndarray) -> np.ndarray:
