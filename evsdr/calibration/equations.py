@@ -14,7 +14,8 @@ from evsdr.calibration.watched import Watched
 from evsdr.solve.shared.pixels import STEPS
 from evsdr.solve.shared.rig import NOT_NEGATIVE, Told
 
-WITH_LAG = ("tau", "noise", "shift")  # light without a lag has kinks: its likelihood is not smooth in a shift
+LAG = "tau", "noise"
+TIMES = "shift", "refractory"  # light without a lag has kinks: its likelihood is not smooth in a shift
 DARK = 1.0  # tolerance of the dark current, over the constant light; guessed
 LAG_US = 1e5  # that of the time constant where the light is as bright as that; guessed
 START = {"tau": 400.0, "noise": 0.005}  # of a lag [us], and noise
@@ -24,7 +25,9 @@ N_ROUND, N_STEP = 12, 6  # of steps with one scatter
 SMALL_STEP = 0.1  # of all standard deviations, at which they end
 SETTLED = 0.01  # of the scatter
 MODEL_NOISE = 0.05  # by which the noise is found too small, relative; measured on patches under an EVK4
-MODEL_US = 10.0  # how far shift and refractory period are off beside their sigma: as of a fit, see `effects.shared`
+MODEL_US = (
+    10.0  # how far shift and refractory period are off beside their sigma: as of a fit, see `effects.shared`
+)
 DAMPING = 1e-3, 1e-9, 1e6  # the first, the least, the most
 
 
@@ -71,6 +74,7 @@ class Settled:
 
     belief: Belief
     sums: Sums
+    still: tuple[str, ...]
     pull: np.ndarray
     covariance: np.ndarray
     condition: float
@@ -79,7 +83,7 @@ class Settled:
     def shows(self, name: str, without: "Settled") -> bool:
         """Tell whether an unknown of the sensor is more than noise, and explains the events better than the end without."""
         k = SENSOR.index(name) - len(SENSOR)
-        clear = self.belief.x[k] > CLEAR * np.sqrt(self.covariance[k, k])
+        clear = abs(self.belief.x[k]) > CLEAR * np.sqrt(self.covariance[k, k])
         heard = self.sums.heard & without.sums.heard
         return clear and self.cost(heard) < without.cost(heard) - 0.5 * CLEAR**2
 
@@ -111,14 +115,16 @@ def fit_events(
     sensor = [LAG_US, DARK, told.noise, told.shift_us, told.refractory_us, told.leak * 1e-6]
     prior = np.concatenate([prior_sigma, sensor, [told.thresholds] * 2])
     belief = first_belief(parts, np.append(start, np.zeros(len(SENSOR))), SCATTER, SPREAD)
-    found = _settle(parts, model, belief, prior, (*WITH_LAG, "dark"))
+    found = _settle(parts, model, belief, prior, (*LAG, "shift", "dark"))
     x = found.belief.x.copy()
     for name, value in START.items():
         x[n + SENSOR.index(name)] = value
-    late = _settle(parts, model, replace(found.belief, x=x), prior, ("dark",))
+    x[n + SENSOR.index("refractory")] = 0.0
+    late = _settle(parts, model, replace(found.belief, x=x), prior, (*TIMES, "dark"))
     if late.shows("tau", found):
-        dark = _settle(parts, model, late.belief, prior, ())
-        found = dark if dark.shows("dark", late) else late
+        found = _with_times(parts, model, late, prior)
+        dark = _settle(parts, model, found.belief, prior, tuple(set(found.still) - {"dark"}))
+        found = dark if dark.shows("dark", found) else found
     sigma = np.sqrt(np.maximum(np.diagonal(found.covariance), 0))
     residual = np.concatenate(found.sums.residual)
     tells, n_event = np.isfinite(residual), [len(part.pixel_of_event) for part in parts]
@@ -134,6 +140,15 @@ def fit_events(
         converged=found.converged,
         condition=found.condition,
     )
+
+
+def _with_times(parts: Sequence[Watched], model: Model, late: Settled, prior: np.ndarray) -> Settled:
+    """Free those times that are not as told, beyond what the model of a lag and its noise tells wrong."""
+    free = _settle(parts, model, late.belief, prior, ("dark",))
+    near = tuple(name for name in TIMES if not free.shows(name, late))
+    if not near:
+        return free
+    return late if near == TIMES else _settle(parts, model, late.belief, prior, (*near, "dark"))
 
 
 def _settle(
@@ -168,11 +183,11 @@ def _settle(
         told, belief = belief.scatter, learnt(parts, belief, sums)
         if converged := longest < SMALL_STEP and abs(told / belief.scatter - 1) < SETTLED:
             break
-    matrix = (sums.matrix + np.diag(pull))[np.ix_(free, free)]
-    covariance, condition = _covariance(sums, matrix, pull, free)
+    matrix = sums.matrix + np.diag(pull)
+    covariance, condition = _covariance(sums, matrix[np.ix_(free, free)], pull, free)
     if "tau" not in still:
         covariance += _left_out(matrix, free, belief.x)
-    return Settled(belief, sums, pull, covariance, condition, converged)
+    return Settled(belief, sums, still, pull, covariance, condition, converged)
 
 
 def _scale(matrix: np.ndarray) -> np.ndarray:
@@ -203,13 +218,13 @@ def _covariance(
 
 def _left_out(matrix: np.ndarray, free: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Give the covariance of what follows from times and noise that the model of a lag tells wrong."""
-    n = len(x)
-    wrong = {n - len(SENSOR) + SENSOR.index(name): MODEL_US for name in ("shift", "refractory")}
-    noise = n - len(SENSOR) + SENSOR.index("noise")
+    first = len(x) - len(SENSOR)
+    wrong = {first + SENSOR.index(name): MODEL_US for name in TIMES}
+    noise = first + SENSOR.index("noise")
     wrong[noise] = MODEL_NOISE * x[noise]
-    here = np.isin(free, list(wrong))
-    response = np.zeros((n, len(wrong)))
-    response[free[here]] = np.eye(len(wrong))
-    response[free[~here]] = -_inverse(matrix[np.ix_(~here, ~here)]) @ matrix[np.ix_(~here, here)]
-    response *= [wrong[k] for k in free[here]]
+    about, others = list(wrong), np.setdiff1d(free, list(wrong))
+    response = np.zeros((len(x), len(about)))
+    response[about] = np.eye(len(about))
+    response[others] = -_inverse(matrix[np.ix_(others, others)]) @ matrix[np.ix_(others, about)]
+    response *= list(wrong.values())
     return response @ response.T

@@ -118,7 +118,7 @@ def sum_parts(parts: Sequence[Watched], model: Model, belief: Belief, stirred: t
 def _sum_part(k: int, part: Watched, modelled: tuple, belief: Belief, stirred: tuple[str, ...]) -> tuple:
     signal = modelled[0]
     n_led, n_pixel = len(signal), len(part.point)
-    sensor = belief.x[-len(SENSOR) :] * part.slot_us ** POWER_OF_SLOT
+    sensor = belief.x[-len(SENSOR) :] * part.slot_us**POWER_OF_SLOT
     sensor[TIMES.index("refractory")] += part.refractory_us / part.slot_us
     signals = np.zeros((n_pixel, 4, n_led))
     signals[:, 0] = signal[:, part.point].T
@@ -132,7 +132,9 @@ def _sum_part(k: int, part: Watched, modelled: tuple, belief: Belief, stirred: t
         np.zeros((n_pixel, n_led, 0)),
         part.threshold * np.exp(gains),
         part.own_thresholds,
-        stirred_values(Rig.of(np.concatenate([np.zeros(n_led), sensor, np.zeros(2 * n_led)]), n_led), stirred),
+        stirred_values(
+            Rig.of(np.concatenate([np.zeros(n_led), sensor, np.zeros(2 * n_led)]), n_led), stirred
+        ),
         Terms(part.crossfade, belief.scatter, ROBUST, SLOPE_TERM),
         TABLE,
         belief.weigh[k],
@@ -164,7 +166,9 @@ def _sum_part(k: int, part: Watched, modelled: tuple, belief: Belief, stirred: t
         residual,
         variance,
         rest,
-        np.einsum("nij,njk->nik", response, by_x) if part.own_thresholds else np.zeros((n_pixel, 0, score.shape[1])),
+        np.einsum("nij,njk->nik", response, by_x)
+        if part.own_thresholds
+        else np.zeros((n_pixel, 0, score.shape[1])),
         np.einsum("nii->ni", inverse),
     )
 

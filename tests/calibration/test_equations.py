@@ -4,41 +4,12 @@ import numpy as np
 import pytest
 
 from evsdr.calibration.equations import fit_events
-from evsdr.calibration.watched import watch
 from evsdr.events.pixel import EventPixel
-from evsdr.events.record import record, ring_schedule
-
-LIGHT = 0.1
-SIGNAL = np.array([0.9, 0.2, 0.6])
-MASK = np.ones((10, 12), bool)
-PIXEL = EventPixel(0.1, 0.15, event_noise=0.02).idealised()
-
-
-def watched(pixel=PIXEL, seed=0, late_us=0, factor=1.0, one_value=False):
-    """Record signals with a dark slot, or one ratio would be missing; thresholds told wrong by a factor, times late."""
-    images = np.broadcast_to(np.reshape(SIGNAL, (-1, 1, 1)), (3, *MASK.shape))
-    recording = record(images, LIGHT, pixel, ring_schedule(3, (0, -1, 1, 2), crossfade=1.0), 3, seed)
-    sensor = recording.sensor
-    told = [factor * c for c in (sensor.contrast_threshold_on, sensor.contrast_threshold_off)]
-    if one_value:
-        told = [factor * pixel.contrast_threshold_on, factor * pixel.contrast_threshold_off]
-    sensor = type(sensor)(sensor.width, sensor.height, *told, sensor.refractory_us)
-    events = type(recording.events)(*(getattr(recording.events, k) for k in "xyp"), recording.events.t + late_us)
-    recording = type(recording)(events, sensor, recording.schedule, recording.round_start_us)
-    return watch(recording, MASK, np.zeros(MASK.shape, int), 20_000, 0)
-
-
-def unknown_signals(x):
-    """Signals in units of the constant light: one unknown per LED, its logarithm."""
-    signal = np.exp(x)[:, None]
-    return signal, signal[..., None], np.zeros((len(x), 1, 0))
+from tests.support.watched_pixels import LIGHT, MASK, TRUTH, unknown_signals, watched
 
 
 def fit(part):
     return fit_events([part], unknown_signals, np.full(3, 1.0), np.full(3, np.inf))
-
-
-TRUTH = np.log(SIGNAL / LIGHT)
 
 
 def test_signals_come_back_within_their_sigma():
@@ -74,7 +45,9 @@ def test_thresholds_told_wrong_are_found(one_value):
     found = fit(watched(pixel, factor=1.1, one_value=one_value))
     for side in ("on", "off"):
         sigma = found.sensor_sigma[side]
-        assert found.sensor[side] == pytest.approx(-np.log(1.1), abs=max(4 * sigma, 0.02)) and 0 < sigma < 0.05
+        assert (
+            found.sensor[side] == pytest.approx(-np.log(1.1), abs=max(4 * sigma, 0.02)) and 0 < sigma < 0.05
+        )
     np.testing.assert_allclose(found.x, TRUTH, atol=0.01)
     assert found.noise == pytest.approx(0.02, rel=0.3)
 
@@ -94,6 +67,18 @@ def test_what_is_known_before_holds_back():
 
 def test_two_recordings_tell_more_than_one():
     one, two = watched(), watched(seed=1)
-    single, both = (fit_events(p, unknown_signals, np.full(3, 1.0), np.full(3, np.inf)) for p in ([one], [one, two]))
+    single, both = (
+        fit_events(p, unknown_signals, np.full(3, 1.0), np.full(3, np.inf)) for p in ([one], [one, two])
+    )
     assert set(both.part) == {0, 1}
     assert np.diagonal(both.covariance).max() < 0.8 * np.diagonal(single.covariance).max()
+
+
+@pytest.mark.parametrize("late_us", [0, 80])
+def test_times_are_taken_over_where_they_are_clearly_not_as_told(late_us):
+    """What the model of the noise tells wrong, 10 us, is no reason to move all times."""
+    part = watched(EventPixel(), late_us=late_us)
+    found = fit(part)
+    assert found.sensor["shift"] == pytest.approx(late_us, abs=30 if late_us else 0)
+    assert found.sensor_sigma["shift"] >= 10
+    assert np.abs((found.x - TRUTH) / np.sqrt(np.diagonal(found.covariance))).max() < 3

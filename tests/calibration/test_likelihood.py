@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evsdr.calibration.likelihood import SENSOR, first_belief, learnt, moved, sum_parts
-from tests.calibration.test_equations import TRUTH, unknown_signals, watched
+from tests.support.watched_pixels import TRUTH, unknown_signals, watched
 
 
 def shared_gain(x):
@@ -21,7 +21,9 @@ def case(request):
 
 
 def move(belief, step):
-    return type(belief)(belief.x + step, *(getattr(belief, k) for k in ("scatter", "spread", "gains", "weigh", "heard")))
+    return type(belief)(
+        belief.x + step, *(getattr(belief, k) for k in ("scatter", "spread", "gains", "weigh", "heard"))
+    )
 
 
 def test_the_gradient_is_that_of_the_cost(case):
@@ -38,7 +40,9 @@ def test_the_gradient_is_that_of_the_cost(case):
         step[k] = 1e-5
         up, down = (sum_parts(parts, shared_gain, move(belief, s), ()) for s in (step, -step))
         expected = (up.cost.sum() - down.cost.sum()) / 2e-5
-        slack = 0.02 * np.abs(sums.gradient).max() + (np.abs(sums.gradient).max() * 0.1 if parts[0].own_thresholds else 0)
+        slack = 0.02 * np.abs(sums.gradient).max() + (
+            np.abs(sums.gradient).max() * 0.1 if parts[0].own_thresholds else 0
+        )
         assert sums.gradient[k] == pytest.approx(expected, abs=slack), k
     np.testing.assert_allclose(sums.matrix, sums.matrix.T, rtol=1e-6, atol=1e-6 * np.abs(sums.matrix).max())
 
@@ -61,7 +65,9 @@ def test_a_step_goes_no_lower_than_the_least():
     part = watched()
     belief = first_belief([part], np.zeros(3 + len(SENSOR)), 0.05, 0.1)
     sums = sum_parts([part], unknown_signals, belief, ())
-    new = moved(belief, np.full(len(belief.x), -1.0), sums, np.append(np.full(3, -np.inf), np.zeros(len(SENSOR))))
+    new = moved(
+        belief, np.full(len(belief.x), -1.0), sums, np.append(np.full(3, -np.inf), np.zeros(len(SENSOR)))
+    )
     assert (new.x[:3] == -1).all() and not new.x[3:].any()
 
 

@@ -17,7 +17,9 @@ POINT = np.arange(30).reshape(5, 6)
 
 def recorded(crossfade=1.0):
     images = np.broadcast_to(np.reshape([0.9, 0.2, 0.6], (3, 1, 1)), (3, 5, 6))
-    return record(images, 0.1, EventPixel(spread_on=0.02), ring_schedule(3, (0, -1, 1, 2), crossfade=crossfade), 2)
+    return record(
+        images, 0.1, EventPixel(spread_on=0.02), ring_schedule(3, (0, -1, 1, 2), crossfade=crossfade), 2
+    )
 
 
 def test_pixels_come_with_their_points_thresholds_and_events():
@@ -29,7 +31,9 @@ def test_pixels_come_with_their_points_thresholds_and_events():
     np.testing.assert_allclose(part.threshold[:, 0], on)
     assert not part.own_thresholds and part.refractory_us == recording.sensor.refractory_us
     where = recording.events.y.astype(int) * 6 + recording.events.x
-    np.testing.assert_array_equal(np.bincount(part.pixel_of_event, minlength=30), np.bincount(where, minlength=30) * MASK.ravel())
+    np.testing.assert_array_equal(
+        np.bincount(part.pixel_of_event, minlength=30), np.bincount(where, minlength=30) * MASK.ravel()
+    )
 
 
 def test_one_value_for_all_thresholds_leaves_each_unknown():
@@ -55,6 +59,8 @@ def test_hard_switches_tell_no_exact_change():
 
 def test_pixels_without_events_are_refused():
     recording = recorded()
-    nothing = replace(recording, events=type(recording.events)(*(getattr(recording.events, k)[:0] for k in "xypt")))
+    nothing = replace(
+        recording, events=type(recording.events)(*(getattr(recording.events, k)[:0] for k in "xypt"))
+    )
     with pytest.raises(InputError, match="no two events of a pixel follow each other"):
         watch(nothing, MASK, POINT, 100, 0)
