@@ -84,14 +84,28 @@ def draw_powers(
     """Draw powers with their sigma, and the residuals of each tilt; `patch` (n_pair,) numbers it."""
     figure = _figure(11, 4)
     left, right = figure.subplots(1, 2)
-    left.bar(range(len(power)), power, yerr=3 * sigma, color=FOUND, label="found, 3 sigma")
-    left.plot(range(len(nominal)), nominal, "o", color=NOMINAL, label="scene file")
-    left.set(title="powers of the LEDs", xlabel="LED")
-    left.legend(loc="lower right")
+    _powers(left, nominal, power, sigma)
     groups = [residual[patch == k] for k in range(patch.max() + 1)]
     right.boxplot(groups, whis=(5, 95), showfliers=False, tick_labels=[str(k) for k in range(len(groups))])
     right.axhline(0, color=INK, linewidth=0.8)
     right.set(title=f"residuals, noise {noise:.3g}", xlabel="tilt", ylabel="residual of a pair [thresholds]")
+    _save(figure, path)
+
+
+def _powers(axis, nominal: np.ndarray, power: np.ndarray, sigma: np.ndarray) -> None:
+    axis.bar(range(len(power)), power, yerr=3 * sigma, color=FOUND, label="found, 3 sigma")
+    axis.plot(range(len(nominal)), nominal, "o", color=NOMINAL, label="scene file")
+    axis.set(title="powers of the LEDs", xlabel="LED")
+    axis.legend(loc="lower right")
+
+
+def draw_found(path: Path, nominal, power, sigma, turn_deg, turn_sigma_deg) -> None:
+    """Draw powers and turns of the LEDs (n_led,) as a fit found them."""
+    figure = _figure(11, 4)
+    left, right = figure.subplots(1, 2)
+    _powers(left, nominal, power, sigma)
+    right.bar(range(len(turn_deg)), turn_deg, yerr=3 * turn_sigma_deg, color=FOUND)
+    right.set(title="directions of the LEDs", xlabel="LED", ylabel="turned from the scene file [deg]")
     _save(figure, path)
 
 

@@ -1,4 +1,4 @@
-"""`python -m evsdr.calibrate directions|powers|thresholds|reference|scale|pose`: measure a rig.
+"""`python -m evsdr.calibrate directions|powers|thresholds|reference|scale|pose|from-fit`: measure a rig.
 
 Each writes what the scene file or the recording takes, calibration.json with every estimate and its sigma,
 and residuals.png.
@@ -173,7 +173,21 @@ class Pose:
     """name=value for a <default> parameter of the scene file; may be repeated."""
 
 
-Options = Union[Directions, Powers, Thresholds, Reference, Scale, Pose]
+@dataclass(frozen=True)
+class FromFit:
+    """LEDs with the powers and directions that a fit found, as an include for the next scene."""
+
+    scene: tyro.conf.Positional[Path]
+    """Scene file of the fit."""
+    results: tyro.conf.Positional[Path]
+    """summary.json of the fit, or the folder of its results."""
+    out: Path | None = None
+    """Folder for the results; by default out/calibrate_from-fit."""
+    define: Define = field(default=())
+    """name=value for a <default> parameter of the scene file; may be repeated."""
+
+
+Options = Union[Directions, Powers, Thresholds, Reference, Scale, Pose, FromFit]
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -183,7 +197,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(options: Options) -> None:
     """Calibrate, write, print."""
-    name = type(options).__name__.lower()
+    name = "from-fit" if isinstance(options, FromFit) else type(options).__name__.lower()
     out = options.out or Path("out") / f"calibrate_{name}"
     check_folder(out)
     with atomic_folder(out) as folder:
@@ -200,7 +214,7 @@ def _calibrate(options: Options, folder: Path) -> dict:
     del asked["out"]
     if "define" in asked:
         asked["define"] = parse_definitions(options.define)
-    if isinstance(options, (Directions, Powers, Pose)):
+    if isinstance(options, (Directions, Powers, Pose, FromFit)):
         jit.start()  # before what imports Mitsuba
     match options:
         case Directions():
@@ -228,6 +242,10 @@ def _calibrate(options: Options, folder: Path) -> dict:
             from evsdr.calibration.cad import Cad, pose
 
             return pose(**_gather("cad", Cad, asked))
+        case FromFit():
+            from evsdr.calibration.from_fit import from_fit
+
+            return from_fit(**asked)
 
 
 def _gather(name: str, record: type, asked: dict) -> dict:

@@ -12,6 +12,7 @@ def rows_of(name: str, result: dict) -> list[tuple[str, str]]:
         "reference": _reference,
         "scale": _scale,
         "pose": _pose,
+        "from-fit": _from_fit,
     }[name](result)
 
 
@@ -90,3 +91,13 @@ def _pose(result: dict) -> list[tuple[str, str]]:
     if "mean_angle_to_maps_deg" in result:
         rows.append(("mean angle to the fitted normals [deg]", f"{result['mean_angle_to_maps_deg']:.3f}"))
     return rows
+
+
+def _from_fit(result: dict) -> list[tuple[str, str]]:
+    leds = result["leds"]
+    change = _column(leds, "power") / _column(leds, "scene_file") - 1
+    return [
+        ("taken over", " and ".join(result["taken"])),
+        ("powers, largest change", f"{change[np.argmax(np.abs(change))]:+.2%}"),
+        ("directions, largest turn [deg]", f"{_column(leds, 'turned_deg').max():.3f}"),
+    ]

@@ -10,6 +10,7 @@ import numpy as np
 from evsdr.errors import InputError
 from evsdr.files.atomic import atomic_path
 from evsdr.files.events_h5 import LARGEST_LED
+from evsdr.files.json_text import read_json
 
 FORMAT, VERSION = "evsdr ring log", 1
 
@@ -103,15 +104,7 @@ def read_ring_log(path: str | Path) -> RingLog:
     InputError
         The file is missing or of another kind, a field can't be used, or no round was completed.
     """
-    path = Path(path)
-    try:
-        fields = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            f"{path}: there is no readable file; name the ring.json of this recording."
-        ) from error
-    except ValueError as error:
-        raise InputError(f"{path}: this is not JSON; name the ring.json of this recording.") from error
+    fields = read_json(Path(path), "the ring.json of this recording")
     try:
         return parse_ring_log(fields)
     except InputError as error:
