@@ -1,5 +1,7 @@
 """What goes wrong with input, as plain sentences, and checks that many share."""
 
+import math
+
 
 class InputError(Exception):
     """Input that can't be used.
@@ -32,3 +34,28 @@ def check_range(name: str, value: int, least: int, most: int = 2**32 - 1) -> Non
     """
     if not least <= value <= most:
         raise InputError(f"{name} is {value}; give a whole number from {least} to {most}.")
+
+
+def free_memory() -> float:
+    """Give the memory that is free [bytes]; infinite where the system does not tell."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as file:
+            rows = dict(line.split(":") for line in file)
+        return 1024.0 * int(rows["MemAvailable"].split()[0])
+    except (OSError, ValueError, KeyError):
+        return math.inf
+
+
+def check_memory(what: str, n_bytes: float, remedy: str) -> None:
+    """Refuse work that needs more memory than is free, before it starts.
+
+    Raises
+    ------
+    InputError
+        It does.
+    """
+    free = free_memory()
+    if n_bytes > free:
+        raise InputError(
+            f"{what} would need {n_bytes / 2**30:.3g} GiB of memory, but {free / 2**30:.3g} GiB are free; {remedy}."
+        )

@@ -2,7 +2,8 @@
 
 import pytest
 
-from evsdr.errors import InputError, check_range, parse_definitions
+from evsdr import errors
+from evsdr.errors import InputError, check_memory, check_range, free_memory, parse_definitions
 
 
 def test_definitions():
@@ -25,3 +26,13 @@ def test_number_in_range(value):
 def test_number_out_of_range(value):
     with pytest.raises(InputError, match=f"^--n is {value}; give a whole number from 1 to 4294967295.$"):
         check_range("--n", value, 1)
+
+
+def test_work_beyond_the_free_memory_is_refused(monkeypatch):
+    assert free_memory() > 1 << 20
+    monkeypatch.setattr(errors, "free_memory", lambda: 2.0**31)
+    check_memory("it", 2**31, "make it smaller")
+    with pytest.raises(
+        InputError, match="^it would need 4 GiB of memory, but 2 GiB are free; make it smaller.$"
+    ):
+        check_memory("it", 2**32, "make it smaller")

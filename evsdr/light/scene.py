@@ -3,16 +3,21 @@
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 
-from evsdr.errors import InputError
-from evsdr.integrators.leds import Leds
+from evsdr.errors import InputError, check_memory
+from evsdr.integrators.leds import Leds, emitter_id
 from evsdr.integrators.ring import RingIntegrator, find_object
+from evsdr.light.scene_file import check_scene_file, known_plugins
 from evsdr.model.arrays import owned
+
+DEEPEST = 16  # surface points on a light path; guessed: hardly any light goes farther
+PIXEL_BYTES = 500.0  # of memory, at least: one direction and irradiance for each of 24 LEDs
+LEAST_POWER, MOST_POWER = 1e-15, 1e15  # whose squares float32 holds
 
 
 @dataclass(frozen=True)
@@ -89,8 +94,11 @@ def load_scene(path: str | Path | dict, define: dict[str, str] | None = None) ->
     width, height = (int(n) for n in sensor.film().crop_size())
     if width * height == 0:
         raise InputError(f"{path}: the film is {width} x {height} pixels; make it as large as the sensor.")
-    if integrator.max_depth != int(integrator.max_depth):
-        raise InputError(f"{path}: max_depth is {integrator.max_depth:g}; it must be an integer, 1 or more.")
+    film = f"{path}: a film of {width} x {height} pixels"
+    check_memory(film, width * height * PIXEL_BYTES, "make it as large as the sensor")
+    if not 1 <= integrator.max_depth <= DEEPEST or integrator.max_depth != int(integrator.max_depth):
+        remedy = f"an integer, {'1 or more' if integrator.max_depth < DEEPEST else f'{DEEPEST} at most'}"
+        raise InputError(f"{path}: max_depth is {integrator.max_depth:g}; it must be {remedy}.")
     try:
         leds = integrator.leds(scene)
         find_object(scene)
@@ -103,7 +111,37 @@ def load_scene(path: str | Path | dict, define: dict[str, str] | None = None) ->
     constant_light = float(integrator.constant_light[0])
     if not constant_light >= 0 or not np.isfinite(constant_light):
         raise InputError(f"{path}: constant_light is {constant_light:g}; it must be 0 or more.")
+    _check_places(path, sensor, leds)
     return RingScene(path, scene, integrator, sensor, leds, height, width, constant_light)
+
+
+def _check_places(path: Path | str, sensor: mi.Sensor, leds: Leds) -> None:
+    """Refuse a camera and LEDs that are nowhere, shine from everywhere, or with no power that float can hold."""
+    if not abs(np.linalg.det(_frame(sensor))) > 0:
+        raise InputError(f'{path}: to_world of the sensor "camera" is not finite or flat; correct it.')
+    for emitter, power in zip(leds.emitter, leds.power):
+        name = emitter_id(emitter)
+        everywhere = mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
+        if everywhere and not mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection):
+            raise InputError(
+                f"{path}: emitter '{name}' shines from everywhere; write LEDs as directional or point, or as a shape "
+                "with an area emitter."
+            )
+        if not LEAST_POWER <= power <= MOST_POWER:
+            raise InputError(
+                f"{path}: emitter '{name}' has a power of {power:g}; give numbers from {LEAST_POWER:g} to "
+                f"{MOST_POWER:g}, in any unit."
+            )
+        if emitter.get_shape() is None and not abs(np.linalg.det(_frame(emitter))) > 0:
+            raise InputError(
+                f"{path}: emitter '{name}' has a direction or position that is 0 or not finite; correct it."
+            )
+
+
+def _frame(part) -> np.ndarray:
+    """Give the axes of a sensor or an emitter (3, 3); zeros if it stands nowhere."""
+    matrix = np.array(part.world_transform().matrix, float).reshape(4, 4)
+    return matrix[:3, :3] if np.isfinite(matrix).all() else np.zeros((3, 3))
 
 
 def _source(given: str | Path | dict, define: dict[str, str]) -> tuple[Path | str, Callable]:
@@ -115,7 +153,28 @@ def _source(given: str | Path | dict, define: dict[str, str]) -> tuple[Path | st
     path = Path(given)
     if not path.is_file():
         raise InputError(f"{path}: no such file; give the path of a scene.xml.")
+    own = Path(mi.__file__).parent
+    looked_in = [Path(str(folder)) for folder in mi.file_resolver()]
+    folders = check_scene_file(path, define, tuple(looked_in))
+    if any((folder / "plugins").exists() for folder in {*folders, *looked_in} - {own}):
+        _load_own_plugins(own)
     return path, partial(mi.load_file, str(path), optimize=False, **define)
+
+
+@cache
+def _load_own_plugins(folder: Path) -> None:
+    """Load all of Mitsuba's plugins from its own folder: of two of one name it takes that beside the scene, else."""
+    resolver = mi.file_resolver()
+    before = [str(path) for path in resolver]
+    resolver.clear()
+    resolver.append(str(folder))
+    try:
+        for name in sorted(known_plugins()):
+            mi.PluginManager.instance().plugin_type(name)
+    finally:
+        resolver.clear()
+        for path in before:
+            resolver.append(path)
 
 
 def _in_one_line(error: Exception) -> str:

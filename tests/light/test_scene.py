@@ -202,3 +202,44 @@ def test_a_mesh_takes_the_place_of_the_object(tmp_path):
     move_object(other, corner - [0, 0, 1], face)
     assert object_depth(other).max() == pytest.approx(4.5)
     assert object_depth(ring).max() < 4.1
+
+
+@pytest.mark.parametrize(
+    "text, sentence",
+    [
+        (scene(sensor=camera(width=20_000, height=20_000)), "a film of 20000 x 20000 pixels would need "),
+        (
+            scene(integrator=IN_RING('<integer name="max_depth" value="1000000000"/>')),
+            "max_depth is 1e+09; it must be an integer, 16 at most.",
+        ),
+        (
+            scene(integrator=IN_RING('<float name="max_depth" value="nan"/>')),
+            "max_depth is nan; it must be an integer",
+        ),
+        (
+            scene(light=leds().replace('x="-0.707107" y="-0.000000" z="-0.707107"', 'x="0" y="0" z="0"', 1)),
+            "emitter 'led_000' has a direction or position that is 0 or not finite; correct it.",
+        ),
+        (
+            scene(light=leds().replace('x="-0.707107"', 'x="nan"', 1)),
+            "emitter 'led_000' has a direction or position that is 0 or not finite; correct it.",
+        ),
+        (
+            scene(light=leds() + '<emitter type="constant" id="led_900"/>'),
+            "emitter 'led_900' shines from everywhere; write LEDs as directional or point, or as a shape with an area "
+            "emitter.",
+        ),
+        (
+            scene(light=leds(power=1e38)),
+            "emitter 'led_000' has a power of 1e+38; give numbers from 1e-15 to 1e+15",
+        ),
+        (
+            scene(sensor=camera().replace('x="1.4"', 'x="0"')),
+            'to_world of the sensor "camera" is not finite or flat',
+        ),
+    ],
+)
+def test_what_ends_in_no_numbers_or_never_is_refused(tmp_path, monkeypatch, text, sentence):
+    """A film beyond all memory and light paths without end came to no end; LEDs from nowhere gave no numbers."""
+    monkeypatch.setattr("evsdr.errors.free_memory", lambda: 2.0**36)
+    assert refused(tmp_path, text).startswith(f"{tmp_path / 'scene.xml'}: {sentence}")
