@@ -55,7 +55,7 @@ def tiles(first: str, second: str) -> str:
 
 BALL = '<shape type="sphere" id="object"><ref id="surface"/></shape>'
 FILES = {
-    "texture.xml": scene_text(mesh("blob"), tiles("400:0.2, 500:0.5, 700:0.7", "400:0.6, 500:0.3, 700:0.2")),
+    "texture.xml": scene_text(mesh("blob"), tiles("360:0.2, 500:0.5, 830:0.7", "360:0.6, 500:0.3, 830:0.2")),
     "dark_texture.xml": scene_text(mesh("blob"), tiles("0.03", "0.5")),
     "white_ball.xml": scene_text(BALL, plain("0.8")),
     "grey_relief.xml": scene_text(mesh("relief"), plain("0.4")),
