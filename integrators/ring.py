@@ -178,7 +178,8 @@ class RingIntegrator(mi.SamplingIntegrator):
         -------
         Illumination
             Direction (camera frame) and irradiance V g INT D E_j of each LED, mean over the pixel's area and
-            the LED's; of the latter only the visibility is sampled at random.
+            the LED's; of the latter only the visibility is sampled at random. V is the share of the light that other
+            surfaces let pass, so 1 where all of a pixel faces away: its normal makes that dark, not a shadow.
         coverage : mi.Float, (H * W)
             Share of the pixel that the object covers.
         """
@@ -196,26 +197,33 @@ class RingIntegrator(mi.SamplingIntegrator):
                 if far[j] and not shadows:
                     continue
                 ds, geometry = toward_led(leds, j, si, sample, active)
-                lit = visible(scene, si, ds, active, free, far[j]) if shadows else active
-                if far[j]:
-                    values.append(dr.select(lit, geometry, 0.0))
-                else:
+                if shadows:
+                    # what faces away from an LED is dark by its normal: it counts for no shadow
+                    facing = dr.select(active, dr.maximum(dr.dot(si.sh_frame.n, ds.d), 0.0), 0.0)
+                    lit = visible(scene, si, ds, active & (facing > 0), free, far[j])
+                    values += [dr.select(lit, facing, 0.0), facing]
+                if not far[j]:
                     arriving = rotate(frame, mean_vector(leds, j, si, active))
-                    values += [dr.select(lit, dr.norm(arriving), 0.0), *arriving]
+                    values += [dr.norm(arriving), *arriving]
             return values
 
-        n_value = 1 + sum((1 if shadows else 0) if f else 4 for f in far)
+        n_value = 1 + sum((2 if shadows else 0) + (0 if f else 4) for f in far)
         coverage, *value = pixel_mean(scene, sensor, spp, seed, n_value, measure)
         value = iter(dr.select(coverage > 0, v / dr.maximum(coverage, 1e-6), 0.0) for v in value)
         direction, irradiance = [], []
         for j, power in enumerate(leds.power.tolist()):
+            visibility = mi.Float(1.0)
+            if shadows:
+                lit, facing = next(value), next(value)
+                elsewhere = dr.select(coverage > 0, mi.Float(1.0), 0.0)
+                visibility = dr.select(facing > 0, lit / dr.maximum(facing, 1e-20), elsewhere)
             if far[j]:
                 nowhere = dr.zeros(mi.SurfaceInteraction3f)
                 ds, geometry = toward_led(leds, j, nowhere, mi.Point2f(0.5), mi.Bool(True))
                 direction.append(mi.Vector3f(*(frame @ np.array(ds.d, float).ravel()).tolist()))
-                irradiance.append(power * (next(value) if shadows else geometry))
+                irradiance.append(power * geometry * visibility)
             else:
-                irradiance.append(power * next(value))
+                irradiance.append(power * next(value) * visibility)
                 d = mi.Vector3f(next(value), next(value), next(value))
                 length = dr.norm(d)
                 direction.append(dr.select(length > 0, d / dr.maximum(length, 1e-20), mi.Vector3f(0, 0, 1)))

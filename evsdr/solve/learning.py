@@ -46,8 +46,8 @@ class ThresholdSpread:
         for round_ in range(self.n_round):
             state = measured(data, state)
             state = descended(data, state, self.terms.loss(data), self.n_step, self.tolerance, silent)
-            _, matrix = split(state.terms, len(state.theta))
-            spread = learn_spread(state.theta, matrix, state.spread, MOVING_SPREAD)
+            parts = split(state.terms, len(state.theta))
+            spread = learn_spread(state.theta, *parts, state.spread, MOVING_SPREAD)
             moved = max(abs(float(a[0] - b[0])) for a, b in zip(spread[:2], state.spread[:2]))
             state = replace(state, spread=spread)
             progress(self.name, (round_ + 1) / self.n_round)
@@ -58,26 +58,36 @@ class ThresholdSpread:
 
 @dataclass(frozen=True)
 class Respread:
-    """Take the distribution of unknown thresholds from all events, and descend on it.
+    """Take the noise of the events and the distribution of unknown thresholds from all events, and descend on them.
 
     Attributes
     ----------
     n_step, tolerance
         See `Descend`.
+    n_round : int
+        How often at most; it ends when both means have settled.
     terms : Terms
     """
 
     n_step: int
     tolerance: float
     terms: Terms = ALL_TERMS
+    n_round: int = 3
     name: str = "spread"
 
     def __call__(self, data, state, progress):
         if not state.spread:
             return state
-        _, matrix = split(state.terms, len(state.theta))
-        state = replace(state, spread=learn_spread(state.theta, matrix, state.spread))
-        return descended(data, state, self.terms.loss(data), self.n_step, self.tolerance, silent)
+        loss = self.terms.loss(data)
+        for round_ in range(self.n_round):
+            state = measured(data, state)
+            terms = evaluate(system_of(data, state, loss), state.theta)
+            spread = learn_spread(state.theta, *split(terms, len(state.theta)), state.spread)
+            moved = max(abs(float(a[0] - b[0])) for a, b in zip(spread[:2], state.spread[:2]))
+            state = descended(data, replace(state, spread=spread), loss, self.n_step, self.tolerance, silent)
+            if moved < MEAN_SETTLED:
+                break
+        return state
 
 
 @dataclass(frozen=True)

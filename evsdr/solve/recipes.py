@@ -88,8 +88,12 @@ def refine(effort: Effort) -> tuple[Stage, ...]:
     """Use all that the events say, then let neighbours speak."""
     terms, tolerance = last_terms(effort), effort.tolerance
     descend = Descend(MOST, tolerance, terms=terms, name="refinement")
-    respread = Respread(MOST, tolerance, terms)
-    return (AllPairs(), descend, respread, *soft_horizon(effort, MOST), *know(effort))
+    return (AllPairs(), descend, *soft_horizon(effort, MOST), respread(effort), *know(effort))
+
+
+def respread(effort: Effort) -> Stage:
+    """Find noise and thresholds' distribution anew, now that all events count."""
+    return Respread(MOST, effort.tolerance, last_terms(effort))
 
 
 def soft_horizon(effort: Effort, n_step: int) -> tuple[Stage, ...]:
@@ -108,7 +112,7 @@ def quick(effort: Effort) -> tuple[Stage, ...]:
 def neighbours(effort: Effort) -> tuple[Stage, ...]:
     """Let neighbours speak of pixels that are solved alone."""
     descend = Descend(0, effort.tolerance, terms=last_terms(effort), name="refinement")
-    return (AllPairs(), descend, *soft_horizon(effort, 3), *know(effort))
+    return (AllPairs(), descend, *soft_horizon(effort, 3), respread(effort), *know(effort))
 
 
 def know(effort: Effort) -> tuple[Stage, ...]:

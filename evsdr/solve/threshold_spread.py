@@ -10,6 +10,7 @@ SMALLEST_SPREAD = 0.003  # of the logarithm over the pixels: less is one value f
 MOVING_SPREAD = 0.03  # the least of that until the mean is found: less would hold it
 LARGEST_VARIANCE = 0.25
 SAMPLE = 4000  # pixels that tell
+LEAST_INFORMATION = 1e-2  # of a pixel: rounding can make it negative
 MEDIAN_OF_SQUARE = 0.455  # of a standard normal variable
 
 
@@ -18,34 +19,61 @@ def first_spread(Float: type, found: tuple | None = None) -> list:
     return [dr.opaque(Float, value) for value in found or (0.0, 0.0, *FIRST_SIGMA)]
 
 
-def learn_spread(theta: list, matrix: list, spread: list, least: float = SMALLEST_SPREAD) -> list:
+def learn_spread(
+    theta: list, gradient: list, matrix: list, spread: list, least: float = SMALLEST_SPREAD
+) -> list:
     """Learn mean and spread of the log thresholds over the pixels, from what the data alone say of each.
+
+    Where the distribution pulls hard, what the data say shows in moves far smaller than those at which a descent ends. So
+    each pixel first makes the step that its gradient still asks for.
 
     Parameters
     ----------
     theta : list of Float
         Unknowns, the logarithms of both factors last.
-    matrix : list of Float
-        Lower triangle of each pixel's Gauss-Newton matrix, with the pull of `spread` in it.
+    gradient, matrix : list of Float
+        Of each pixel's cost, and the lower triangle of its Gauss-Newton matrix, with the pull of `spread` in both.
     spread : list of Float
         The distribution so far.
     least : float
         Smallest standard deviation.
     """
-    n = len(theta)
     some = slice(None, None, max(1, dr.width(theta[0]) // SAMPLE))
-    centre, sigma = np.array([float(value[0]) for value in spread]).reshape(2, 2, 1)
-    gains = np.stack([t.numpy()[some] for t in theta[-2:]]).astype(float)
-    covariance = np.linalg.inv(triangles.block(matrix, range(n), some))
-    posterior = np.diagonal(covariance, axis1=1, axis2=2)[:, -2:].T
-    # variance without the distribution's pull
-    alone = 1 / np.maximum(1 / posterior - 1 / sigma**2, 1e-2)
-    gains = centre + (gains - centre) * alone / posterior
+    centre, sigma = np.array([float(value[0]) for value in spread]).reshape(2, 2)
+    gains = np.stack([t.numpy()[some] for t in theta[-2:]], axis=-1).astype(float)
+    slope = np.stack([g.numpy()[some] for g in gradient], axis=-1).astype(float)
+    covariance = np.linalg.inv(triangles.block(matrix, range(len(theta)), some))[:, -2:]
+    off = gains - np.einsum("nij,nj->ni", covariance, slope) - centre
+    posterior = covariance[:, :, -2:]
+    move, left = _mean(off, posterior, sigma)
+    sigma = np.sqrt(_variance(off, posterior, sigma, least) + left)
+    return [dr.opaque(type(theta[0]), float(v)) for v in (*(centre + move), *sigma)]
+
+
+def _mean(off: np.ndarray, posterior: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Give the mean (2,) of both logarithms, and its variances, from those of pixels (n, 2), posterior (n, 2, 2).
+
+    What the data say of both together is common to them: the contrast of a pixel.
+    """
+    before = np.linalg.inv(posterior)
+    value, vector = np.linalg.eigh(before - np.diag(sigma**-2.0))
+    alone = np.einsum("nij,nj,nkj->nik", vector, 1 / np.maximum(value, LEAST_INFORMATION), vector)
+    alone_off = np.einsum("nij,njk,nk->ni", alone, before, off)
+    variance = alone + np.diag(sigma**2)
+    away = np.abs(alone_off - np.median(alone_off, axis=0))
+    kept = (away < 3 * np.sqrt(np.einsum("nii->ni", variance))).all(axis=1)
+    weight = np.linalg.inv(variance[kept])
+    total = weight.sum(axis=0) + np.diag(np.square(FIRST_SIGMA) ** -1.0)  # a few pixels tell little
+    mean = np.linalg.solve(total, np.einsum("nij,nj->i", weight, alone_off[kept]))
+    return mean, np.diagonal(np.linalg.inv(total))
+
+
+def _variance(off: np.ndarray, posterior: np.ndarray, sigma: np.ndarray, least: float) -> np.ndarray:
+    """Give the variance (2,) of each over the pixels, as its data show it with the other at its mean."""
+    posterior = np.einsum("nii->ni", posterior)
+    alone = 1 / np.maximum(1 / posterior - sigma**-2.0, LEAST_INFORMATION)
+    off = off * alone / posterior
     weight = 1 / (alone + sigma**2)
-    weight *= np.abs(gains - np.median(gains, axis=1, keepdims=True)) < 3 / np.sqrt(weight)
-    total = np.sum(weight, axis=1) + 1 / np.square(FIRST_SIGMA)  # a few pixels tell little
-    centre = np.sum(weight * gains, axis=1) / total
-    off = np.median((gains - centre[:, None]) ** 2, axis=1) / MEDIAN_OF_SQUARE
-    variance = np.clip(off - np.median(alone, axis=1), least**2, LARGEST_VARIANCE)
-    sigma = np.sqrt(variance + 1 / total)
-    return [dr.opaque(type(theta[0]), float(v)) for v in (*centre, *sigma)]
+    weight *= np.abs(off - np.median(off, axis=0)) < 3 / np.sqrt(weight)
+    square = np.median((off - np.average(off, axis=0, weights=weight)) ** 2, axis=0) / MEDIAN_OF_SQUARE
+    return np.clip(square - np.median(alone, axis=0), least**2, LARGEST_VARIANCE)

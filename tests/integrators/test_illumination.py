@@ -50,6 +50,30 @@ def test_far_irradiance_is_power_times_visibility():
     assert (irradiance[:, :, :9] == 0).all()
 
 
+def test_a_surface_that_turns_away_is_no_shadow():
+    """A ball hides no LED from itself; pixels at its horizon are dark in part by their normals alone."""
+    leds = {"led_0": far((1, 0.2, 0.3), 3.0), "led_1": near((-2, 1, 1.5))}
+    objects = {"object": {"type": "sphere"}} | leds
+    lit, free = (illumination(objects, spp=64, shadows=shadows) for shadows in (True, False))
+    inside = lit[2] == 1
+    np.testing.assert_allclose(lit[1][:, inside], free[1][:, inside], rtol=1e-4)
+
+
+def test_light_of_a_pixel_that_turns_away_in_part_is_that_of_its_lit_part():
+    """Irradiance times the mean of max(0, n . l) over a pixel is what a render of it shows."""
+    objects = {"object": {"type": "sphere"}, "led_0": far((1, 0, 0.3), 3.0), "led_1": far((0, 0, 1), 1.0)}
+    pole = {"type": "cylinder", "p0": [1.5, 0.3, 0.5], "p1": [1.5, -0.3, 0.5], "radius": 0.2}
+    scene, alone = load(objects | {"pole": pole}), load(objects)
+    signal, bare = (
+        np.array(ring().signals(s, s.sensors()[0], 256)[0]).reshape(HEIGHT, WIDTH) for s in (scene, alone)
+    )
+    light, coverage = ring().illumination(scene, scene.sensors()[0], 256)
+    share = np.array(light.irradiance[0]).reshape(HEIGHT, WIDTH) / (3 * POWER)
+    some = (np.array(coverage).reshape(HEIGHT, WIDTH) == 1) & (bare > 0.02 * bare.max())
+    assert (share[some] < 0.9).any()
+    np.testing.assert_allclose((share * bare)[some], signal[some], atol=0.02 * bare.max())
+
+
 def test_shadows_can_be_left_out():
     leds = {"led_0": far((-1, 0, 1), 3.0), "led_1": near((-3, 0, 6))}
     objects, view = ROOF | leds, camera(half_width=2.0)
