@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from evsdr.errors import InputError
+from evsdr.files.numbers import read_numbers
 from evsdr.model.view import View
 
 FEWEST_POINTS = 4
@@ -165,10 +166,7 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
     InputError
         The file can't be used.
     """
-    try:
-        table = np.genfromtxt(path, delimiter=",", comments="#", ndmin=2)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not a readable CSV; write x_pixel,y_pixel,X,Y,Z in each line.") from error
+    table = read_numbers(path, "not a readable CSV; write x_pixel,y_pixel,X,Y,Z in each line")
     if table.shape[1] == 5 and np.isnan(table[0]).all():  # a line of names
         table = table[1:]
     if table.shape[1] != 5 or not np.isfinite(table).all() or len(table) < FEWEST_POINTS:

@@ -54,6 +54,8 @@ def powers(
         As in `leds.directions`, like result and errors.
     """
     check_range("--seed", seed, 0)
+    if not patches:
+        raise InputError("no patch is named; write each tilt as events.h5:nx,ny,nz.")
     if not 0 <= tilt_sigma_deg < 45:
         raise InputError(f"--tilt-sigma-deg is {tilt_sigma_deg:g}; give a standard deviation, 0 to 45.")
     ring = open_scene(scene, define)

@@ -10,6 +10,7 @@ from evsdr.calibration import chart as colours
 from evsdr.calibration import draw
 from evsdr.calibration.scene_text import include_text
 from evsdr.errors import InputError
+from evsdr.files.arrays import read_npy
 from evsdr.files.maps import read_maps
 from evsdr.light.entry import open_scene
 
@@ -187,13 +188,8 @@ def scale(
 
 
 def _read_labels(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    try:
-        label = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(
-            f"{path}: not a readable .npy image; save the numbers of the patches by numpy.save."
-        ) from error
-    if getattr(label, "shape", None) != shape or label.dtype.kind not in "iu":
+    label = read_npy(path, "save the numbers of the patches by numpy.save")
+    if label.shape != shape or label.dtype.kind not in "iu":
         raise InputError(
             f"{path}: labels must be whole numbers of shape (height, width) = {shape}; save them so."
         )

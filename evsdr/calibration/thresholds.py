@@ -15,6 +15,7 @@ from evsdr.calibration import draw
 from evsdr.errors import InputError
 from evsdr.events.pairs import pair_events
 from evsdr.files.events_h5 import read_recording, write_recording
+from evsdr.files.numbers import read_numbers
 from evsdr.records import Recording, Schedule
 
 WAVEFORMS = ("sine-log", "triangle-log", "sine", "triangle")
@@ -81,11 +82,8 @@ def log_waveform(name: str, depth: float) -> np.ndarray:
 
 
 def _read_waveform(path: Path, at: np.ndarray) -> np.ndarray:
-    try:
-        table = np.genfromtxt(path, delimiter=",", comments="#", dtype=float, ndmin=2)
-    except (OSError, ValueError) as error:
-        names = ", ".join(WAVEFORMS)
-        raise InputError(f"{path}: neither one of {names} nor a readable CSV file; name one.") from error
+    names = ", ".join(WAVEFORMS)
+    table = read_numbers(path, f"neither one of {names} nor a readable CSV file; name one")
     table = table[np.isfinite(table).all(axis=1)]  # a line of names
     if table.shape[1] != 2 or len(table) < 4 or (np.diff(table[:, 0]) <= 0).any():
         raise InputError(f"{path}: write two columns, growing phase and intensity, four lines or more.")

@@ -10,11 +10,11 @@ import warnings
 from pathlib import Path
 
 import h5py
-import hdf5plugin  # noqa: F401  (its filters register on import)
 import numpy as np
 
 from evsdr.errors import InputError, InputWarning
 from evsdr.files.atomic import atomic_path
+from evsdr.files.hdf5 import member, open_hdf5, read_all
 from evsdr.records import Events, Recording, Schedule, Sensor
 
 # Medians of an EVK4 (IMX636) at default biases, taken for what a file leaves out.
@@ -52,21 +52,11 @@ def read_recording(path: str | Path) -> Recording:
     InputWarning
         A sensor attribute or the crossfade is missing, and its default is taken.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file; name an events.h5.")
-    if not h5py.is_hdf5(path):
-        raise InputError(f"{path}: this is not a readable HDF5 file; name an events.h5.")
-    try:
-        with h5py.File(path, "r") as file:
-            width, height = _read_size(file)
-            sensor, schedule = _read_sensor(file, width, height), _read_schedule(file)
-            events, starts = _read_events(file, width, height), _read_triggers(file)
-            return Recording(events, sensor, schedule, starts, str(path))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:  # all that h5py makes of damage
-        raise InputError(f"{path}: the HDF5 file is damaged or cut short; copy it again.") from error
+    with open_hdf5(Path(path), "an events.h5") as file:
+        width, height = _read_size(file)
+        sensor, schedule = _read_sensor(file, width, height), _read_schedule(file)
+        events, starts = _read_events(file, width, height), _read_triggers(file)
+        return Recording(events, sensor, schedule, starts, str(path))
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
@@ -159,7 +149,7 @@ def _read_events(file: h5py.File, width: int, height: int) -> Events:
 def _read_triggers(file: h5py.File) -> np.ndarray:
     """Read the times of the rising edges, the starts of rounds."""
     name = "EXT_TRIGGER/events"
-    if name not in file:
+    if member(file, name) is None:
         return np.empty(0, np.int64)
     table = _read_table(file, name, ("p", "t"))
     start = table["t"][table["p"] == 1].astype(np.int64)
@@ -175,11 +165,12 @@ def _read_triggers(file: h5py.File) -> np.ndarray:
 
 
 def _read_sensor(file: h5py.File, width: int, height: int) -> Sensor:
-    group = file.get("sensor")
+    group = member(file, "sensor")
     values, missing = {}, []
     for name, default in SENSOR_DEFAULTS.items():
-        if isinstance(group, h5py.Group) and name in group and name != "refractory_us":
-            values[name] = _read_thresholds(group[name], (height, width))
+        dataset = member(file, f"sensor/{name}") if name != "refractory_us" else None
+        if dataset is not None:
+            values[name] = _read_thresholds(dataset, (height, width))
         elif group is not None and name in group.attrs:
             values[name] = _number(group, name)
             if values[name] < 0 or (values[name] == 0 and name != "refractory_us"):
@@ -199,7 +190,7 @@ def _read_thresholds(dataset: h5py.Dataset, shape: tuple[int, int]) -> np.ndarra
     name = dataset.name.lstrip("/")
     if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiu" or dataset.shape != shape:
         raise InputError(f"{name} must be an array of (height, width) = {shape} numbers; write it so.")
-    threshold = _read_all(dataset).astype(np.float32)
+    threshold = read_all(dataset).astype(np.float32)
     bad = ~(np.isfinite(threshold) & (threshold > 0))
     if bad.any():
         y, x = np.argwhere(bad)[0]
@@ -210,14 +201,14 @@ def _read_thresholds(dataset: h5py.Dataset, shape: tuple[int, int]) -> np.ndarra
 
 
 def _read_schedule(file: h5py.File) -> Schedule:
-    group = file.get("schedule")
+    group = member(file, "schedule")
     if not isinstance(group, h5py.Group):
         raise InputError("the group schedule is missing; write slot_us, crossfade and order there.")
-    order = group.get("order")
+    order = member(file, "schedule/order")
     is_list = isinstance(order, h5py.Dataset) and order.ndim == 1 and order.size > 0
     if not is_list or order.dtype.kind not in "iu":
         raise InputError("schedule/order must be a list of integers; write the LED of each slot there.")
-    order = _read_all(order)
+    order = read_all(order)
     if order.min() < -1 or not 0 <= order.max() <= LARGEST_LED:
         raise InputError(
             f"schedule/order goes from {order.min()} to {order.max()}; write the LED of each slot, "
@@ -236,7 +227,7 @@ def _read_schedule(file: h5py.File) -> Schedule:
 
 def _read_table(file: h5py.File, name: str, fields: tuple[str, ...]) -> np.ndarray:
     """Read a list of records whose fields are integers of any width, `p` 0 or 1."""
-    dataset = file.get(name)
+    dataset = member(file, name)
     if not isinstance(dataset, h5py.Dataset):
         raise InputError(f"the dataset {name} is missing; export the recording with it.")
     dtype = dataset.dtype
@@ -244,23 +235,11 @@ def _read_table(file: h5py.File, name: str, fields: tuple[str, ...]) -> np.ndarr
     integers = [field for field in dtype.names or () if dtype[field].kind in kinds.get(field, "iu")]
     if dataset.ndim != 1 or not set(fields) <= set(integers):
         raise InputError(f"{name} must be a list of records of integers {', '.join(fields)}; write it so.")
-    table = _read_all(dataset)
+    table = read_all(dataset)
     bad = (table["p"] != 0) & (table["p"] != 1)
     if bad.any():
         raise InputError(f"p of {name} is {table['p'][bad.argmax()]} at entry {bad.argmax()}; write 0 or 1.")
     return table
-
-
-def _read_all(dataset: h5py.Dataset) -> np.ndarray:
-    properties = dataset.id.get_create_plist()
-    for i in range(properties.get_nfilters()):
-        code, _, _, filter_name = properties.get_filter(i)
-        if not h5py.h5z.filter_avail(code):
-            raise InputError(
-                f"{dataset.name.lstrip('/')} is compressed by filter {code} ({filter_name.decode()}), which "
-                "is not installed here; rewrite it with gzip where it is, for example by h5repack -f GZIP=4."
-            )
-    return dataset[()]
 
 
 def _number(item: h5py.HLObject, name: str, default: object = None) -> float:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.errors import InputError
+from evsdr.files.arrays import read_npz
 from evsdr.records import Maps
 
 
@@ -19,17 +20,20 @@ def read_maps(path: Path) -> Maps:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; name a maps.npz of evsdr.fit.")
     names = list(Maps.__dataclass_fields__)
-    try:
-        with open(path, "rb") as stream:
-            file = np.load(stream, allow_pickle=False)
-            maps = Maps(**{name: file[name] for name in names})
-        height, width = maps.mask.shape
-        right = maps.normal.shape == (height, width, 3)
-        right &= maps.reflectance.shape == (height, width, len(maps.band_wavelength_nm))
-    except Exception as error:  # NumPy, zipfile and zlib raise ten kinds on damage
-        raise InputError(f"{path}: not a maps.npz with {', '.join(names)}; write it by evsdr.fit.") from error
-    if not right or not all(np.isfinite(getattr(maps, name)).all() for name in names):
+    arrays = read_npz(path, names, "write it by evsdr.fit")
+    numbers = all(array.dtype.kind in "fiub" for array in arrays.values())
+    if (
+        len(arrays) < len(names)
+        or not numbers
+        or arrays["mask"].ndim != 2
+        or arrays["band_wavelength_nm"].ndim != 1
+    ):
+        raise InputError(f"{path}: not a maps.npz with {', '.join(names)}; write it by evsdr.fit.")
+    size, n_band = arrays["mask"].shape, len(arrays["band_wavelength_nm"])
+    deep = {"normal": (3,), "reflectance": (n_band,), "reflectance_sigma": (n_band,)}
+    shapes = {name: (*size, *deep.get(name, ())) for name in names} | {"band_wavelength_nm": (n_band,)}
+    if any(arrays[name].shape != shapes[name] or not np.isfinite(arrays[name]).all() for name in names):
         raise InputError(
             f"{path}: its arrays have other shapes than evsdr.fit writes, or are not finite; fit again."
         )
-    return maps
+    return Maps(**arrays)

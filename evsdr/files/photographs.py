@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.errors import InputError
+from evsdr.files.arrays import read_npz
 from evsdr.records import Truth
 
 MAX_LED = 256  # of a scene
@@ -73,12 +74,7 @@ def _load(path: Path) -> dict[str, np.ndarray]:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; name an .npz with frames and light_direction.")
     names = ("frames", "light_direction", "normal", "reflectance", "mask")
-    try:
-        with open(path, "rb") as stream:
-            file = np.load(stream, allow_pickle=False)
-            arrays = {name: file[name] for name in names if name in file.keys()}
-    except Exception as error:  # NumPy, zipfile and zlib raise ten kinds on damage
-        raise InputError(f"{path}: this is not a readable .npz archive; write it by numpy.savez.") from error
+    arrays = read_npz(path, names, "write it by numpy.savez")
     for name in names[:2]:
         if name not in arrays:
             raise InputError(f"{path}: the array {name} is missing; store it by numpy.savez.")

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.errors import InputError
+from evsdr.files.arrays import read_npz
 from evsdr.records import Truth
 
 
@@ -25,12 +26,7 @@ def read_truth(path: str | Path, height: int, width: int, n_band: int) -> Truth:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; name a truth.npz.")
     shapes = {"normal": (height, width, 3), "reflectance": (height, width, n_band), "mask": (height, width)}
-    try:
-        with open(path, "rb") as stream:
-            file = np.load(stream, allow_pickle=False)
-            arrays = {name: file[name] for name in shapes if name in file.keys()}
-    except Exception as error:  # NumPy, zipfile and zlib raise ten kinds on damage
-        raise InputError(f"{path}: this is not a readable .npz archive; write it by numpy.savez.") from error
+    arrays = read_npz(path, shapes, "write it by numpy.savez")
     for name, shape in shapes.items():
         if name not in arrays:
             raise InputError(f"{path}: the array {name} is missing; store it with shape {shape}.")

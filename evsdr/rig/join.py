@@ -6,8 +6,10 @@ import h5py
 import numpy as np
 
 from evsdr.errors import InputError
+from evsdr.files.arrays import read_npz
 from evsdr.files.atomic import atomic_path
 from evsdr.files.events_h5 import SENSOR_DEFAULTS, write_recording
+from evsdr.files.hdf5 import member, open_hdf5, read_all
 from evsdr.records import Recording, Schedule, Sensor
 from evsdr.rig.camera_file import CameraRecording, between
 from evsdr.rig.log import RingLog
@@ -119,19 +121,15 @@ def read_sensor(
 
 
 def _read_thresholds(path: Path, size: tuple[int, int], region: tuple[int, ...] | None) -> dict:
+    wanted = "a calibration of thresholds"
     try:
         if h5py.is_hdf5(path):
-            with h5py.File(path, "r") as file:
-                group = file.get("sensor", file)
-                fields = {name: group.attrs[name] for name in SENSOR_DEFAULTS if name in group.attrs}
-                fields |= {name: group[name][()] for name in SENSOR_DEFAULTS if name in group}
+            with open_hdf5(path, wanted) as file:
+                fields = read_sensor_values(file)
         else:
-            with np.load(path) as file:
-                fields = {name: file[name] for name in SENSOR_DEFAULTS if name in file}
-    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
-        raise InputError(
-            f"{path}: this is no readable .npz or .h5 file; name a calibration of thresholds."
-        ) from error
+            fields = read_npz(path, SENSOR_DEFAULTS, f"name {wanted}")
+    except (InputError, OSError) as error:
+        raise InputError(f"{path}: this is no readable .npz or .h5 file; name {wanted}.") from error
     if not fields:
         raise InputError(
             f"{path}: it holds none of {', '.join(SENSOR_DEFAULTS)}; name a calibration of thresholds."
@@ -152,6 +150,14 @@ def _read_thresholds(path: Path, size: tuple[int, int], region: tuple[int, ...] 
             value = value[top : top + height, left : left + width]
         known[name] = value.astype(np.float32) if value.ndim else float(value)
     return known
+
+
+def read_sensor_values(file: h5py.File) -> dict[str, np.ndarray]:
+    """Read what a file tells of a sensor, from its group `sensor` or its root; arrays win over attributes."""
+    group = member(file, "sensor") or file
+    fields = {name: group.attrs[name] for name in SENSOR_DEFAULTS if name in group.attrs}
+    held = {name: member(group, name) for name in SENSOR_DEFAULTS}
+    return fields | {name: read_all(item) for name, item in held.items() if isinstance(item, h5py.Dataset)}
 
 
 def write_joined(path: Path, recording: Recording, known: dict[str, float | np.ndarray]) -> None:

@@ -8,11 +8,11 @@ package brings this filter.
 from pathlib import Path
 
 import h5py
-import hdf5plugin  # noqa: F401  (its filters register on import)
 import numpy as np
 
 from evsdr.errors import InputError
 from evsdr.files.events_h5 import EVENT_DTYPE
+from evsdr.files.hdf5 import check_storage, member, open_hdf5
 from evsdr.records import Events
 from evsdr.rig import ecf
 from evsdr.rig.camera_file import (
@@ -46,15 +46,13 @@ def read_hdf5(path: str | Path, size: tuple[int, int] | None = None) -> CameraRe
         Some events lay outside the sensor, or not in time order.
     """
     path = Path(path)
-    try:
-        with h5py.File(path, "r") as file:
-            width, height = size or read_size(path, _geometry(file), "attributes do", 65536)
-            events = Events(*_read_fields(path, file, "CD/events", EVENT_FIELDS))
-            edges = Edges(*(np.empty(0, kind) for kind in EDGE_FIELDS.values()))
-            if "EXT_TRIGGER/events" in file:
-                edges = Edges(*_read_fields(path, file, "EXT_TRIGGER/events", EDGE_FIELDS))
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:  # all that h5py makes of damage
-        raise InputError(f"{path}: the HDF5 file is damaged or cut short; copy it again.") from error
+    with open_hdf5(path, "a camera's HDF5 file") as file:
+        geometry = _geometry(file)
+        events = Events(*_read_fields(file, "CD/events", EVENT_FIELDS))
+        edges = Edges(*(np.empty(0, kind) for kind in EDGE_FIELDS.values()))
+        if member(file, "EXT_TRIGGER/events") is not None:
+            edges = Edges(*_read_fields(file, "EXT_TRIGGER/events", EDGE_FIELDS))
+    width, height = size or read_size(path, geometry, "attributes do", 65536)
     return check_recording(path, CameraRecording(width, height, events, edges))
 
 
@@ -63,41 +61,40 @@ def _geometry(file: h5py.File) -> str:
     return text.decode("latin-1") if isinstance(text, bytes) else str(text)  # bytes where of fixed length
 
 
-def _read_fields(path: Path, file: h5py.File, name: str, kinds: dict[str, type]) -> list[np.ndarray]:
+def _read_fields(file: h5py.File, name: str, kinds: dict[str, type]) -> list[np.ndarray]:
     """Read a list of records; give its fields as arrays of these types, `p` 0 or 1."""
-    dataset = file.get(name)
+    dataset = member(file, name)
     dtype = getattr(dataset, "dtype", np.dtype("i4"))
     if not isinstance(dataset, h5py.Dataset) or dataset.ndim != 1 or not set(kinds) <= set(dtype.names or ()):
         raise InputError(
-            f"{path}: it lacks {name}, a list of records {', '.join(kinds)}; export the recording as "
+            f"it lacks {name}, a list of records {', '.join(kinds)}; export the recording as "
             "Metavision HDF5, or name its RAW file."
         )
+    check_storage(dataset)
     properties = dataset.id.get_create_plist()
     filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
     if filters == [ecf.FILTER] and dtype == EVENT_DTYPE:
-        columns = _read_ecf(path, dataset)
+        columns = _read_ecf(dataset)
     else:
         missing = [code for code in filters if not h5py.h5z.filter_avail(code)]
         if missing:
             raise InputError(
-                f"{path}: {name} is compressed by filter {missing[0]}, which can't be read here; "
+                f"{name} is compressed by filter {missing[0]}, which can't be read here; "
                 "name the RAW file instead."
             )
         table = dataset[()]
         columns = {field: table[field] for field in kinds}
     if any(column.dtype.kind not in "biu" for column in columns.values()):
-        raise InputError(f"{path}: {name} must hold whole numbers; export the recording again.")
+        raise InputError(f"{name} must hold whole numbers; export the recording again.")
     bad = (columns["p"] != 0) & (columns["p"] != 1)
     for field in {"x", "y"} & set(kinds):  # what does not fit into 16 bits would come out inside
         bad |= (columns[field] < 0) | (columns[field] > 65535)
     if bad.any():
-        raise InputError(
-            f"{path}: entry {bad.argmax()} of {name} is no event; the file is damaged: copy it again."
-        )
+        raise InputError(f"entry {bad.argmax()} of {name} is no event; the file is damaged: copy it again.")
     return [columns[field].astype(kind, copy=False) for field, kind in kinds.items()]
 
 
-def _read_ecf(path: Path, dataset: h5py.Dataset) -> dict[str, np.ndarray]:
+def _read_ecf(dataset: h5py.Dataset) -> dict[str, np.ndarray]:
     """Decode the chunks of a dataset one by one."""
     n, room = len(dataset), dataset.chunks[0]
     columns, chunk = (
@@ -113,7 +110,7 @@ def _read_ecf(path: Path, dataset: h5py.Dataset) -> dict[str, np.ndarray]:
         else:
             decoded, part = ecf.decode_chunk(data, *chunk.values()), chunk
         if decoded < count:
-            raise InputError(f"{path}: its events are damaged from number {start} on; copy the file again.")
+            raise InputError(f"its events are damaged from number {start} on; copy the file again.")
         for field, column in columns.items():
             column[start : start + count] = part[field][:count]
     return columns

@@ -51,5 +51,5 @@ def test_no_file_and_no_archive(tmp_path):
     with pytest.raises(InputError, match="there is no such file"):
         read_maps(tmp_path / "maps.npz")
     (tmp_path / "maps.npz").write_bytes(b"PK\x03\x04 cut short")
-    with pytest.raises(InputError, match="not a maps.npz"):
+    with pytest.raises(InputError, match="not a readable .npz archive"):
         read_maps(tmp_path / "maps.npz")

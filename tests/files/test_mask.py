@@ -94,7 +94,10 @@ BAD = {
     "cut.npy": (ARRAY[:-9], "not a readable"),
     "grey.npy": (GREY, "not a readable"),
     "object.npy": (saved(lambda file: np.save(file, np.full(SHAPE, None))), "not a readable"),
-    "archive.npy": (saved(lambda file: np.savez(file, mask=np.ones(SHAPE))), "not an array of numbers"),
+    "archive.npy": (
+        saved(lambda file: np.savez(file, mask=np.ones(SHAPE))),
+        "not a readable PNG or .npy image",
+    ),
     "text.npy": (saved(lambda file: np.save(file, np.full(SHAPE, "yes"))), "not an array of numbers"),
     "record.npy": (saved(lambda file: np.save(file, np.zeros(SHAPE, "i4,i4"))), "not an array of numbers"),
     "turned.npy": (saved(lambda file: np.save(file, np.ones(SHAPE[::-1]))), r"\(7, 5\).*must be .* \(5, 7\)"),
