@@ -5,6 +5,6 @@ if __name__ == "evsdr.calibrate":
         "evsdr.calibrate is a command, run by python -m evsdr.calibrate; import evsdr.commands.calibrate."
     )
 if __name__ == "__main__":
-    from evsdr.commands.calibrate import main
+    from evsdr.door import open_door
 
-    raise SystemExit(main())
+    open_door("calibrate")

@@ -5,6 +5,6 @@ if __name__ == "evsdr.capture":
         "evsdr.capture is a command, run by python -m evsdr.capture; import evsdr.commands.capture."
     )
 if __name__ == "__main__":
-    from evsdr.commands.capture import main
+    from evsdr.door import open_door
 
-    raise SystemExit(main())
+    open_door("capture")

@@ -5,6 +5,6 @@ if __name__ == "evsdr.convert":
         "evsdr.convert is a command, run by python -m evsdr.convert; import evsdr.commands.convert."
     )
 if __name__ == "__main__":
-    from evsdr.commands.convert import main
+    from evsdr.door import open_door
 
-    raise SystemExit(main())
+    open_door("convert")

@@ -5,6 +5,6 @@ if __name__ == "evsdr.design":
         "evsdr.design is a command, run by python -m evsdr.design; import evsdr.commands.design."
     )
 if __name__ == "__main__":
-    from evsdr.commands.design import main
+    from evsdr.door import open_door
 
-    raise SystemExit(main())
+    open_door("design")

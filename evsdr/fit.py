@@ -3,6 +3,6 @@
 if __name__ == "evsdr.fit":
     raise ImportError("evsdr.fit is a command, run by python -m evsdr.fit; import evsdr.commands.fit.")
 if __name__ == "__main__":
-    from evsdr.commands.fit import main
+    from evsdr.door import open_door
 
-    raise SystemExit(main())
+    open_door("fit")

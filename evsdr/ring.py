@@ -3,6 +3,6 @@
 if __name__ == "evsdr.ring":
     raise ImportError("evsdr.ring is a command, run by python -m evsdr.ring; import evsdr.commands.ring.")
 if __name__ == "__main__":
-    from evsdr.commands.ring import main
+    from evsdr.door import open_door
 
-    raise SystemExit(main())
+    open_door("ring")

@@ -5,6 +5,6 @@ if __name__ == "evsdr.simulate":
         "evsdr.simulate is a command, run by python -m evsdr.simulate; import evsdr.commands.simulate."
     )
 if __name__ == "__main__":
-    from evsdr.commands.simulate import main
+    from evsdr.door import open_door
 
-    raise SystemExit(main())
+    open_door("simulate")

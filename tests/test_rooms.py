@@ -16,7 +16,7 @@ FLOORS = (
     ("solve", "light", "shape", "rig"),
     ("effects", "limits", "calibration"),
     ("fitting",),
-    ("commands", "scenes"),
+    ("commands", "scenes", "door"),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring")

@@ -1,6 +1,11 @@
 """What the commands share: options, plain sentences for errors and warnings, progress, seconds per stage."""
 
+import os
+import platform
+import shlex
 import sys
+import tempfile
+import traceback
 import warnings
 from collections.abc import Callable
 
@@ -9,7 +14,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from evsdr import __version__
 from evsdr.errors import InputError, InputWarning
+
+UNFORESEEN = 70  # EX_SOFTWARE of sysexits.h
+LESS = "use a smaller film or fewer events, or close other programs"
 
 
 def run_command(name: str, options_type: type, command: Callable[..., None], argv: list[str] | None) -> int:
@@ -29,8 +38,9 @@ def run_command(name: str, options_type: type, command: Callable[..., None], arg
     Returns
     -------
     int
-        Exit status: 0; 2 for input that can't be used, with one sentence on standard error; 130 when
-        stopped by Ctrl-C.
+        Exit status: 0; 2 for input that can't be used, with one sentence on standard error; 70 for what nobody has
+        foreseen, with a sentence that names a file with the traceback, and where memory runs out; 130 when stopped by
+        Ctrl-C.
     """
     prog, config = f"python -m evsdr.{name}", (tyro.conf.AvoidSubcommands,)
     with warnings.catch_warnings():
@@ -44,7 +54,31 @@ def run_command(name: str, options_type: type, command: Callable[..., None], arg
         except KeyboardInterrupt:
             print("stopped; nothing was written.", file=sys.stderr)
             return 130
+        except MemoryError:
+            print(f"error: the memory ran out; {LESS}.", file=sys.stderr)
+            return UNFORESEEN
+        except BrokenPipeError:  # who read the output has gone
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return UNFORESEEN
+        except Exception as error:
+            print(f"error: {_unforeseen(name, argv, error)}", file=sys.stderr)
+            return UNFORESEEN
     return 0
+
+
+def _unforeseen(name: str, argv: list[str] | None, error: Exception) -> str:
+    """Write the traceback of a defect into a file; gives a sentence that names it."""
+    told = sys.argv[1:] if argv is None else argv
+    text = f"evsdr {__version__}, Python {sys.version}, {platform.platform()}\n{shlex.join([name, *map(str, told)])}\n\n"
+    text += "".join(traceback.format_exception(error))
+    what = f"evsdr.{name} met what nobody had foreseen ({type(error).__name__})"
+    try:
+        handle, path = tempfile.mkstemp(prefix=f"evsdr-{name}-", suffix=".log")
+        with open(handle, "w", encoding="utf-8", errors="replace") as file:
+            file.write(text)
+    except OSError:
+        return f"{what}, and no file can be written to tell of it; make room in {tempfile.gettempdir()}."
+    return f"{what}; please report it with {path}."
 
 
 def print_table(title: str, rows: list[tuple[str, str]]) -> None:

@@ -1,5 +1,7 @@
 """What the commands share: exit status, sentences, tables and seconds per stage."""
 
+import shlex
+import subprocess
 import sys
 import warnings
 from dataclasses import dataclass
@@ -8,6 +10,7 @@ import pytest
 
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError, InputWarning
+from tests.conftest import REPOSITORY
 
 
 @dataclass(frozen=True)
@@ -49,12 +52,55 @@ def test_options_that_check_themselves(capsys):
     assert capsys.readouterr() == ("", "error: number is -1; give 0 or more.\n")
 
 
-def test_a_defect_is_not_hidden():
+def test_a_defect_is_told_in_a_sentence_that_names_a_log(capsys, tmp_path, monkeypatch):
+    def command(options):
+        raise ZeroDivisionError("of all things")
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert run_command("count", Options, command, ["--number", "3"]) == 70
+    out, err = capsys.readouterr()
+    (log,) = tmp_path.iterdir()
+    told = (
+        f"error: evsdr.count met what nobody had foreseen (ZeroDivisionError); please report it with {log}.\n"
+    )
+    assert (out, err) == ("", told)
+    text = log.read_text()
+    assert "count --number 3\n" in text and "Traceback" in text and "ZeroDivisionError: of all things" in text
+
+
+def test_a_defect_on_a_full_disk_is_told_too(capsys, tmp_path, monkeypatch):
     def command(options):
         raise ZeroDivisionError
 
-    with pytest.raises(ZeroDivisionError):
-        run_command("count", Options, command, [])
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    assert run_command("count", Options, command, []) == 70
+    assert "no file can be written to tell of it" in capsys.readouterr().err
+
+
+def test_memory_that_runs_out_has_its_own_sentence(capsys):
+    def command(options):
+        raise MemoryError
+
+    assert run_command("count", Options, command, []) == 70
+    assert capsys.readouterr().err.startswith("error: the memory ran out; use a smaller film")
+
+
+def test_a_reader_that_goes_away_is_no_defect(tmp_path):
+    """As in `python -m evsdr.fit ... | head`."""
+    program = (
+        "from evsdr.commands.console import run_command\n"
+        "from tests.commands.test_console import Options\n"
+        "def command(options):\n    for k in range(10**6): print(k)\n"
+        "raise SystemExit(run_command('count', Options, command, []))"
+    )
+    ended = subprocess.run(
+        f"{sys.executable} -c {shlex.quote(program)} | head -1",
+        cwd=REPOSITORY,
+        shell=True,
+        capture_output=True,
+        text=True,
+    )
+    assert (ended.stdout, ended.stderr) == ("0\n", "")
 
 
 def test_warnings_are_plain_sentences(capsys):
