@@ -200,7 +200,7 @@ def command(options: Options) -> None:
     name = "from-fit" if isinstance(options, FromFit) else type(options).__name__.lower()
     out = options.out or Path("out") / f"calibrate_{name}"
     check_folder(out)
-    with atomic_folder(out) as folder:
+    with atomic_folder(out, "calibration.json") as folder:
         result = _calibrate(options, folder)
         text = json.dumps({"evsdr": __version__, "calibrate": name, **result}, indent=2, allow_nan=False)
         (folder / "calibration.json").write_text(text + "\n", encoding="utf-8")

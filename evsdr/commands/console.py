@@ -3,11 +3,14 @@
 import os
 import platform
 import shlex
+import signal
 import sys
 import tempfile
+import threading
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import tyro
 from rich.console import Console
@@ -40,10 +43,10 @@ def run_command(name: str, options_type: type, command: Callable[..., None], arg
     int
         Exit status: 0; 2 for input that can't be used, with one sentence on standard error; 70 for what nobody has
         foreseen, with a sentence that names a file with the traceback, and where memory runs out; 130 when stopped by
-        Ctrl-C.
+        Ctrl-C, 129 and 143 by SIGHUP and SIGTERM.
     """
     prog, config = f"python -m evsdr.{name}", (tyro.conf.AvoidSubcommands,)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), listening() as stopped:
         warnings.simplefilter("always", InputWarning)
         warnings.showwarning = lambda message, *_: print(f"warning: {message}", file=sys.stderr)
         try:
@@ -53,7 +56,7 @@ def run_command(name: str, options_type: type, command: Callable[..., None], arg
             return 2
         except KeyboardInterrupt:
             print("stopped; nothing was written.", file=sys.stderr)
-            return 130
+            return 128 + (stopped[0] if stopped else signal.SIGINT)
         except MemoryError:
             print(f"error: the memory ran out; {LESS}.", file=sys.stderr)
             return UNFORESEEN
@@ -64,6 +67,30 @@ def run_command(name: str, options_type: type, command: Callable[..., None], arg
             print(f"error: {_unforeseen(name, argv, error)}", file=sys.stderr)
             return UNFORESEEN
     return 0
+
+
+@contextmanager
+def listening() -> Iterator[list[int]]:
+    """Let SIGTERM and SIGHUP stop a command as Ctrl-C does, so that it cleans up; gives the list of those that came.
+
+    Those that the parent of this process ignores stay ignored; other threads than the first one can't listen.
+    """
+    came: list[int] = []
+
+    def stop(number, _):
+        came.append(number)
+        raise KeyboardInterrupt
+
+    names = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    main = threading.current_thread() is threading.main_thread()
+    numbers = [n for n in names if main and signal.getsignal(n) is signal.SIG_DFL]
+    for number in numbers:
+        signal.signal(number, stop)
+    try:
+        yield came
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _unforeseen(name: str, argv: list[str] | None, error: Exception) -> str:

@@ -89,7 +89,7 @@ def command(options: Options) -> None:
         **judge(ring, rendering, limit, schedule, options.shininess, options.gloss_threshold),
         "seconds": stages.seconds,
     }
-    with atomic_folder(out) as folder:
+    with atomic_folder(out, "design.json") as folder:
         draw(limit.told, mask, folder / "bound.png")
         (folder / "design.json").write_text(json.dumps(design, indent=2, allow_nan=False) + "\n")
     print_leds(design["leds"])

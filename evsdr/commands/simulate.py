@@ -98,7 +98,7 @@ def command(options: Options) -> None:
                     f"{options.scene or options.frames}: no event comes of it; "
                     "check that the camera sees a lit object, and lower the thresholds or the constant light."
                 )
-        with stages.stage("write"), atomic_folder(options.out) as folder:
+        with stages.stage("write"), atomic_folder(options.out, "truth.npz") as folder:
             write_recording(folder / "events.h5", recording)
             write_truth(folder / "truth.npz", truth)
             if options.frames:

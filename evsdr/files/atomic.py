@@ -2,12 +2,24 @@
 
 import os
 import secrets
+import shutil
+import signal
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 
 from evsdr.errors import InputError
+
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None
+
+PREFIX = ".evsdr-"  # of temporary folders
+PATIENCE = 20.0  # seconds that a process waits for another that writes
 
 
 @contextmanager
@@ -36,18 +48,23 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_folder(folder: str | Path) -> Iterator[Path]:
+def atomic_folder(folder: str | Path, seal: str | None = None) -> Iterator[Path]:
     """Give a temporary folder; its files move into `folder` on success and vanish on failure.
+
+    One process at a time: others wait. What a killed one has left is cleaned up by the next.
 
     Parameters
     ----------
     folder : str or Path
         Made if missing; other files in it stay, files of the same name are replaced.
+    seal : str, optional
+        The file that goes first of the old ones and comes last of the new: where it is, all belong together, even if
+        the process was killed.
 
     Raises
     ------
     InputError
-        The folder can't be made or written.
+        The folder can't be made or written, or another process does not end to write into it.
     """
     folder = Path(folder)
     made: list[Path] = []
@@ -56,10 +73,16 @@ def atomic_folder(folder: str | Path) -> Iterator[Path]:
             if not level.exists():
                 level.mkdir()
                 made.append(level)
-        with TemporaryDirectory(prefix=".", dir=folder) as temporary:
-            yield Path(temporary)
-            for file in sorted(Path(temporary).iterdir()):
-                os.replace(file, folder / file.name)
+        with _alone(folder):
+            for left in folder.glob(f"{PREFIX}*"):
+                shutil.rmtree(left, ignore_errors=True)
+            temporary = Path(mkdtemp(prefix=PREFIX, dir=folder))
+            try:
+                yield temporary
+                with _undisturbed():
+                    _move(temporary, folder, seal)
+            finally:
+                shutil.rmtree(temporary, ignore_errors=True)
     except BaseException as error:
         for level in reversed(made):
             if not any(level.iterdir()):
@@ -69,17 +92,74 @@ def atomic_folder(folder: str | Path) -> Iterator[Path]:
         raise
 
 
+def _move(temporary: Path, folder: Path, seal: str | None) -> None:
+    """Move all files, that of the seal last; the old one goes before."""
+    files = sorted(temporary.iterdir(), key=lambda file: (file.name == seal, file.name))
+    if seal:
+        (folder / seal).unlink(missing_ok=True)
+    for file in files:
+        os.replace(file, folder / file.name)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other processes from a folder; where the system has no locks, hope."""
+    if fcntl is None:
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        end = time.monotonic() + PATIENCE
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > end:
+                    raise InputError(
+                        f"{folder}: another process writes into this folder; wait for it, or give another by --out."
+                    ) from None
+                time.sleep(0.05)
+            except OSError:  # a file system without locks
+                break
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Let signals wait. A mask would not do: other threads of the process hear them, and Python acts in the first one."""
+    came: list[int] = []
+    names = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    main = threading.current_thread() is threading.main_thread()
+    before = {number: signal.getsignal(number) for number in names if main}
+    before = {number: handler for number, handler in before.items() if callable(handler)}
+    for number in before:
+        signal.signal(number, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for number in came[:1]:
+        signal.raise_signal(number)
+
+
 def check_folder(folder: Path) -> None:
-    """Refuse early a folder that can't become one.
+    """Refuse early a folder that can't become one, or be written.
 
     Raises
     ------
     InputError
-        A file of that name is in the way.
+        A file of that name is in the way, or it can't be written.
     """
-    for level in (folder, *folder.parents):
-        if level.exists() and not level.is_dir():
+    levels = [level for level in (folder, *folder.parents) if level.exists()]
+    for level in levels:
+        if not level.is_dir():
             raise InputError(f"{level}: a file of that name is in the way; give another folder by --out.")
+    if levels and not os.access(levels[0], os.W_OK | os.X_OK):
+        raise InputError(f"{levels[0]}: cannot be written; give another folder by --out.")
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:

@@ -44,7 +44,7 @@ def write_results(
         if not np.isfinite(array).all():
             raise ValueError(f"{name} must be finite everywhere")
     text = json.dumps(summary, indent=2, allow_nan=False, default=_plain)
-    with atomic_folder(folder) as temporary:
+    with atomic_folder(folder, "summary.json") as temporary:
         np.savez(temporary / "maps.npz", **arrays)
         write_exr(temporary / "normal.exr", {"RGB": maps.normal})
         names = spectral_channels(maps.band_wavelength_nm)

@@ -1,8 +1,11 @@
 """What the commands share: exit status, sentences, tables and seconds per stage."""
 
+import os
 import shlex
+import signal
 import subprocess
 import sys
+import time
 import warnings
 from dataclasses import dataclass
 
@@ -10,6 +13,7 @@ import pytest
 
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError, InputWarning
+from evsdr.files.atomic import atomic_folder
 from tests.conftest import REPOSITORY
 
 
@@ -75,6 +79,28 @@ def test_a_defect_on_a_full_disk_is_told_too(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
     assert run_command("count", Options, command, []) == 70
     assert "no file can be written to tell of it" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("name, status", [("SIGTERM", 143), ("SIGHUP", 129)])
+def test_other_signals_stop_as_ctrl_c_does(capsys, tmp_path, name, status):
+    number = getattr(signal, name)
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+
+        def command(options):
+            with atomic_folder(tmp_path / "out"):
+                os.kill(os.getpid(), number)
+                time.sleep(10)
+
+        assert run_command("count", Options, command, []) == status
+        assert signal.getsignal(number) is signal.SIG_DFL
+        signal.signal(number, signal.SIG_IGN)
+        assert run_command("count", Options, lambda _: os.kill(os.getpid(), number), []) == 0
+    finally:
+        signal.signal(number, before)
+    assert capsys.readouterr().err == "stopped; nothing was written.\n"
+    assert not (tmp_path / "out").exists()
 
 
 def test_memory_that_runs_out_has_its_own_sentence(capsys):

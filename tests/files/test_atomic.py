@@ -1,9 +1,16 @@
 """Files that are written whole or not at all."""
 
+import os
+import signal
+import subprocess
+import sys
+
 import pytest
 
 from evsdr.errors import InputError
+from evsdr.files import atomic
 from evsdr.files.atomic import atomic_folder, atomic_path, check_folder
+from tests.conftest import REPOSITORY
 
 
 @pytest.fixture
@@ -74,3 +81,71 @@ def test_a_file_in_the_way_of_a_folder_is_named(path):
     for folder in (path, path / "deep"):
         with pytest.raises(InputError, match=r"events\.h5: a file of that name is in the way; .* --out\."):
             check_folder(folder)
+
+
+def test_the_seal_goes_first_and_comes_last(tmp_path, monkeypatch):
+    """Killed between two files, the folder has no seal: nobody takes old and new ones for one result."""
+    for name in ("maps", "summary"):
+        (tmp_path / name).write_text("old")
+    moved = []
+
+    def replace(source, target):
+        moved.append(target.name)
+        if len(moved) == 2:
+            raise SystemExit  # as good as killed
+        real(source, target)
+
+    real = os.replace
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(SystemExit), atomic_folder(tmp_path, "summary") as temporary:
+        for name in ("summary", "maps"):
+            (temporary / name).write_text("new")
+    assert moved == ["maps", "summary"] and not (tmp_path / "summary").exists()
+
+
+def test_what_a_killed_process_left_is_cleaned_up(tmp_path):
+    program = (
+        "import os, signal; from evsdr.files.atomic import atomic_folder\n"
+        f"with atomic_folder({str(tmp_path)!r}) as temporary:\n"
+        "    (temporary / 'half').write_text('a'); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY)
+    (left,) = tmp_path.iterdir()
+    assert left.is_dir() and left.name.startswith(".")
+    with atomic_folder(tmp_path) as temporary:
+        (temporary / "whole").write_text("a")
+    assert [path.name for path in tmp_path.iterdir()] == ["whole"]
+
+
+def test_two_do_not_write_into_one_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(atomic, "PATIENCE", 0.2)
+    with atomic_folder(tmp_path), pytest.raises(InputError, match="another process writes into this folder"):
+        with atomic_folder(tmp_path):
+            pytest.fail("both are in")
+    with atomic_folder(tmp_path) as temporary:
+        (temporary / "a").write_text("a")
+    assert (tmp_path / "a").exists()
+
+
+def test_ctrl_c_waits_while_files_move(tmp_path, monkeypatch):
+    real = os.replace
+
+    def replace(source, target):
+        os.kill(os.getpid(), signal.SIGINT)
+        real(source, target)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        monkeypatch.setattr(os, "replace", replace)
+        with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path, "a") as temporary:
+            for name in "ab":
+                (temporary / name).write_text(name)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+
+
+def test_a_folder_that_can_not_be_written_is_refused_early(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda path, mode: path != tmp_path)
+    with pytest.raises(InputError, match="cannot be written; give another folder by --out"):
+        check_folder(tmp_path / "new" / "deep")
