@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from evsdr.calibration.watched import Watched
 from evsdr.events.lead import TABLE
@@ -158,39 +159,45 @@ def _sum_part(k: int, part: Watched, modelled: tuple, belief: Belief, stirred: t
     gradient = gradient + np.einsum("nij,ni->nj", response, slope)
     matrix = matrix + np.swapaxes(cross, 1, 2) @ response
     heard = belief.heard[k]
-    score, matrix, by_x = _chained(part, modelled, gradient * heard[:, None], matrix * heard[:, None, None])
-    return (
-        cost,
-        score,
-        matrix,
-        residual,
-        variance,
-        rest,
-        np.einsum("nij,njk->nik", response, by_x)
-        if part.own_thresholds
-        else np.zeros((n_pixel, 0, score.shape[1])),
-        np.einsum("nii->ni", inverse),
-    )
+    matrix, lead = _chained(part, modelled, matrix * heard[:, None, None])
+    score = lead((gradient * heard[:, None])[:, None])[:, 0]
+    return cost, score, matrix, residual, variance, rest, lead(response), np.einsum("nii->ni", inverse)
 
 
-def _chained(part: Watched, modelled: tuple, gradient: np.ndarray, matrix: np.ndarray) -> tuple:
-    """Lead gradients (n_pixel, m) and information (n_pixel, m, m) back to the unknowns; gives also the derivatives."""
+def _chained(part: Watched, modelled: tuple, matrix: np.ndarray) -> tuple[np.ndarray, Callable]:
+    """Lead information (n_pixel, m, m) back to the unknowns; gives also what does so with gradients (n_pixel, i, m).
+
+    The signal of an LED depends on its own unknowns and on those that all share: sums run over these alone.
+    """
     signal, own, shared = modelled
-    n_led, n_own, n_shared = len(signal), own.shape[2], shared.shape[2]
+    n_led, n_own, n_shared, m = len(signal), own.shape[2], shared.shape[2], matrix.shape[1]
     point, row = np.unique(part.point, return_inverse=True)
-    inverse = np.divide(1.0, signal, out=np.zeros_like(signal), where=signal > 0)[:, point]
-    n_model, m = n_led * n_own + n_shared, gradient.shape[1]
-    by_x = np.zeros((len(point), m, n_model + len(SENSOR)))
-    for j in range(n_led):
-        by_x[:, j, j * n_own : (j + 1) * n_own] = own[j, point] * inverse[j][:, None]
-        by_x[:, j, n_led * n_own : n_model] = shared[j, point] * inverse[j][:, None]
+    inverse = np.divide(1.0, signal, out=np.zeros_like(signal), where=signal > 0)[:, point, None]
+    own = own[:, point] * inverse
     some = np.arange(len(SENSOR))
-    by_x[:, n_led + some, n_model + some] = part.slot_us ** POWER_OF_SLOT.astype(float)
-    of_point = np.zeros((len(point), m, m))
-    np.add.at(of_point, row, matrix)
-    summed = np.tensordot(by_x, of_point @ by_x, axes=((0, 1), (0, 1)))
-    by_x = by_x[row]
-    return np.einsum("nj,njk->nk", gradient, by_x), summed, by_x
+    rest = np.zeros((len(point), m, n_shared + len(SENSOR)))
+    rest[:, :n_led, :n_shared] = np.moveaxis(shared[:, point] * inverse, 0, 1)
+    rest[:, n_led + some, n_shared + some] = part.slot_us ** POWER_OF_SLOT.astype(float)
+    gather = csr_array((np.ones(len(row)), (row, np.arange(len(row)))))
+    of_point = (gather @ matrix.reshape(len(row), -1)).reshape(len(point), m, m)
+    n_first = n_led * n_own
+    summed = np.zeros((n_first + rest.shape[2],) * 2)
+    turned = own.transpose(0, 2, 1)
+    weighted = np.einsum("pjk,kpb->jpkb", of_point[:, :n_led, :n_led], own).reshape(
+        n_led, len(point), n_first
+    )
+    summed[:n_first, :n_first] = (turned @ weighted).reshape(n_first, n_first)
+    through = of_point @ rest
+    summed[:n_first, n_first:] = (turned @ through[:, :n_led].swapaxes(0, 1)).reshape(n_first, -1)
+    summed[n_first:, :n_first] = summed[:n_first, n_first:].T
+    summed[n_first:, n_first:] = rest.reshape(-1, rest.shape[2]).T @ through.reshape(-1, rest.shape[2])
+    of_pixel = own.swapaxes(0, 1)[row, None], rest[row]
+
+    def lead(values: np.ndarray) -> np.ndarray:
+        first = values[:, :, :n_led, None] * of_pixel[0]
+        return np.concatenate([first.reshape(*values.shape[:2], n_first), values @ of_pixel[1]], axis=2)
+
+    return summed, lead
 
 
 def moved(belief: Belief, step: np.ndarray, sums: Sums, least: np.ndarray) -> Belief:
