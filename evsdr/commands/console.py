@@ -24,7 +24,9 @@ UNFORESEEN = 70  # EX_SOFTWARE of sysexits.h
 LESS = "use a smaller film or fewer events, or close other programs"
 
 
-def run_command(name: str, options_type: type, command: Callable[..., None], argv: list[str] | None) -> int:
+def run_command(
+    name: str, options_type: type, command: Callable[..., int | None], argv: list[str] | None
+) -> int:
     """Parse options and run a command.
 
     Parameters
@@ -33,24 +35,24 @@ def run_command(name: str, options_type: type, command: Callable[..., None], arg
         Its module in evsdr.
     options_type : type
         Dataclass of the command's options; its docstring is the help.
-    command : callable (options) -> None
-        The work.
+    command : callable (options) -> int, optional
+        The work; it may give the exit status.
     argv : list of str, optional
         Arguments; those of the process if None.
 
     Returns
     -------
     int
-        Exit status: 0; 2 for input that can't be used, with one sentence on standard error; 70 for what nobody has
-        foreseen, with a sentence that names a file with the traceback, and where memory runs out; 130 when stopped by
-        Ctrl-C, 129 and 143 by SIGHUP and SIGTERM.
+        Exit status: that of the command, 0 by default; 2 for input that can't be used, with one sentence on standard
+        error; 70 for what nobody has foreseen, with a sentence that names a file with the traceback, and where memory
+        runs out; 130 when stopped by Ctrl-C, 129 and 143 by SIGHUP and SIGTERM.
     """
     prog, config = f"python -m evsdr.{name}", (tyro.conf.AvoidSubcommands,)
     with warnings.catch_warnings(), listening() as stopped:
         warnings.simplefilter("always", InputWarning)
         warnings.showwarning = lambda message, *_: print(f"warning: {message}", file=sys.stderr)
         try:
-            command(tyro.cli(options_type, prog=prog, args=argv, config=config))
+            return command(tyro.cli(options_type, prog=prog, args=argv, config=config)) or 0
         except InputError as error:
             print(f"error: {error}", file=sys.stderr)
             return 2
@@ -66,7 +68,6 @@ def run_command(name: str, options_type: type, command: Callable[..., None], arg
         except Exception as error:
             print(f"error: {_unforeseen(name, argv, error)}", file=sys.stderr)
             return UNFORESEEN
-    return 0
 
 
 @contextmanager

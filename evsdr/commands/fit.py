@@ -17,6 +17,8 @@ from evsdr.metrics import score
 from evsdr.progress import Stages
 from evsdr.solve.tuning import Tuning
 
+CONTRADICTED = 3  # exit status of results that contradict the files
+
 
 @dataclass(frozen=True)
 class Files:
@@ -74,8 +76,8 @@ def main(argv: list[str] | None = None) -> int:
     return run_command("fit", Options, command, argv)
 
 
-def command(options: Options) -> None:
-    """Fit, write the results, print a table."""
+def command(options: Options) -> int:
+    """Fit, write the results, print a table; gives 3 if the results contradict the files."""
     out = options.out or options.events.with_name(options.events.stem)
     check_folder(out)
     found = recover(options)
@@ -83,10 +85,12 @@ def command(options: Options) -> None:
     summary = found.summary
     rows = [(f"{name} [s]", f"{seconds:.2f}") for name, seconds in summary["seconds"].items()]
     rows += [(name, f"{value:.4f}") for name, value in summary.get("error", {}).items()]
+    rows += [("verdict", found.verdict.partition(":")[0])]
     print_table(f"{options.scene} {options.events}", rows)
     for effect, decision in summary["model"].items():
         print(f"{effect}: {decision}")
     print(f"pictures: {out / 'normal.png'}, {out / 'reflectance.png'}; all else in {out}")
+    return CONTRADICTED if found.contradicted else 0
 
 
 def recover(options: Options) -> Fit:

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from evsdr.effects.effect import Decision
-from evsdr.effects.shared import SharedEffect, SharedFound, plus_minus
+from evsdr.effects.shared import WARNED, SharedEffect, SharedFound, plus_minus
 
 if TYPE_CHECKING:
     from evsdr.effects.world import World
@@ -18,6 +18,13 @@ class Refractory(SharedEffect):
     def say(self, found: SharedFound) -> str:
         """Give the period."""
         return plus_minus(found.us("refractory"))
+
+    def warning(self, found: SharedFound) -> str:
+        """Give the period, if it is more than can be off."""
+        told, (value, _) = found.told_refractory_us, found.us("refractory")
+        if abs(value - told) <= WARNED * found.told.refractory_us:
+            return ""
+        return f"refractory_us is told as {told:.3g} but the events say {value:.3g}; the latter was used: check it."
 
     def numbers(self, found: SharedFound) -> dict:
         """Give it in numbers."""

@@ -21,7 +21,7 @@ class Thresholds:
             return self._as_told("asked for by --thresholds known")
         if world.terms.solver == "adam":
             return self._as_told("the solver adam does not estimate them")
-        if world.ring.constant_light == 0:
+        if world.ring.constant_light == 0 and world.veil is None:
             return self._as_told("without constant light they can't be told from the contrast")
         if asked == "estimate":
             why = "asked for by --thresholds estimate"
@@ -37,6 +37,16 @@ class Thresholds:
     def model(self, world: World, decision: Decision) -> World:
         """Make them unknowns of the solver."""
         return replace(world, thresholds=True)
+
+
+class ThresholdsUnderVeil(Thresholds):
+    """The same once the events have shown constant light."""
+
+    when = "anew"
+
+    def decide(self, asked: str, world: World, fitted: Fitted) -> Decision | None:
+        """Ask again only then."""
+        return None if world.veil is None else super().decide(asked, world, fitted)
 
 
 CLEAR = 0.05  # of a logarithm; measured: where noise is another than the model's, thresholds told right are found 0.02 off

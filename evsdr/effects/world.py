@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+import drjit as dr
 import numpy as np
 
 from evsdr.effects.gloss_fit import Gloss
@@ -121,6 +122,8 @@ class World:
         Per pixel.
     thresholds : bool
         Whether contrast thresholds are unknown.
+    veil : float, optional
+        The constant light, where it is not as told.
     lag : Lag, optional
         What photoreceptors do.
     found : SharedFound, optional
@@ -148,6 +151,7 @@ class World:
     indirect: bool = False
     rays: int = TRIAL_RAYS
     thresholds: bool = False
+    veil: float | None = None
     lag: Lag | None = None
     leak: float = 0.0
     found: SharedFound | None = None
@@ -199,12 +203,14 @@ class World:
             scene, free = (self.ring, 0.0) if fitted is None else self.surface.follow(fitted, skip)
             given = scene, rays
             light, _ = trace_illumination(*given, shadows, self.terms.seed + seed, free)
+            if self.veil is not None:
+                light = replace(light, constant_light=dr.opaque(type(light.constant_light), self.veil))
             if self.near or not self.ring.is_near:
                 return light
             whole = trace_illumination(*given, False, self.terms.seed + seed)[0] if shadows else light
             return light.far(whole, self.look(fitted).pixel)
 
-        light = self.memo("trace", (self.near, shadows, rays, fitted, skip, seed), work, 2)
+        light = self.memo("trace", (self.near, self.veil, shadows, rays, fitted, skip, seed), work, 2)
         return self.memo("aim", (light, self.aim), lambda: self.aim(light), 2) if self.aim else light
 
     def illumination(self, fitted: Fitted | None = None, rays: int | None = None) -> Illumination:

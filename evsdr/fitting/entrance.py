@@ -48,6 +48,16 @@ class Fit:
     summary: dict
     surface: dict[str, Callable[[Path], None]]
 
+    @property
+    def verdict(self) -> str:
+        """Say what to think of it: `trustworthy`, or `doubtful: ...` or `contradicted: ...` with the reasons."""
+        return self.summary["verdict"]
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether what was recorded contradicts the files."""
+        return self.verdict.startswith("contradicted")
+
     def save(self, folder: str | Path) -> None:
         """Write all files of `python -m evsdr.fit` into a folder, made if missing: all or none.
 

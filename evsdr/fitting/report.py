@@ -1,81 +1,18 @@
-"""What a fit says of itself: warnings, and what it modelled, left out, and why."""
+"""What a fit says of itself: what it modelled, left out, and why."""
 
-import warnings
 from dataclasses import asdict, fields
 
 import numpy as np
 
 from evsdr import __version__
 from evsdr.effects.world import Fitted, World
-from evsdr.errors import InputWarning
 from evsdr.fitting.maps import lit_bands
 from evsdr.fitting.settings import Settings
 from evsdr.light.scene import RingScene
 from evsdr.records import Recording, Sensor
-from evsdr.solve.noise import MISFIT
 from evsdr.solve.solution import Solution
 
-WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
-CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
-CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are worth a warning
 SENSOR = [field.name for field in fields(Sensor)]
-MENDED_MISFIT = 0.25  # `MISFIT` after LEDs were put right: what remains was not theirs
-
-
-def warn(sentence: str) -> None:
-    """Warn the user of their input."""
-    warnings.warn(InputWarning(sentence))
-
-
-def warn_of_what_was_found(world: World, fitted: Fitted) -> None:
-    """Say what a fit found that its user should look into."""
-    noise, source, ring = fitted.solution.noise, world.recording.source, world.ring
-    if ring.constant_light == 0:
-        warn(
-            f"{ring.path}: constant_light is 0, so the scale of reflectance is unknown and the "
-            "largest band of each pixel is set to 1; measure the constant light and write it there."
-        )
-    if not fitted.maps.mask.any():
-        warn(f"{source}: no pixel is known; record more rounds, or with less constant light.")
-    wiring = world.decisions.get("wiring")
-    if noise > (MENDED_MISFIT if wiring and wiring.modelled else MISFIT):
-        warn(
-            f"{source}: the events contradict {ring.path}, their thresholds scatter by "
-            f"{noise:.0%}; check order, slot_us, triggers, thresholds and constant_light."
-        )
-        return
-    for decision in world.decisions.values():
-        if decision.modelled and decision.warning:
-            warn(f"{source}: {decision.warning}")
-    warn_of_pixels(world, fitted)
-    for name, values in threshold_summary(world.recording, fitted).items():
-        if abs(np.log(values["found"] / values["told"])) > WRONG_THRESHOLD:
-            warn(
-                f"{source}: {name} is told as {values['told']:.3g} but the events say "
-                f"{values['found']:.3g}; the latter was used: "
-                "check the camera's biases, or the surface is not matt."
-            )
-
-
-def warn_of_pixels(world: World, fitted: Fitted) -> None:
-    """Say how many pixels fire events that the light does not explain."""
-    pixel = fitted.problem.pixel
-    contrary = fitted.solution.noise_factor > CONTRARY
-    if world.hot is not None:
-        contrary = contrary | world.hot.ravel()[pixel]
-    if np.count_nonzero(contrary) < max(CONTRARY_COUNT, CONTRARY_SHARE * len(contrary)):
-        return
-    count = np.diff(world.pairs().offset.astype(np.int64))[pixel]
-    often = np.median(count[contrary]) > 2 * np.median(count[~contrary]) if not contrary.all() else False
-    cause = (
-        "they fire more often than the others, so they are probably hot: mask them in the camera"
-        if often
-        else "gloss, a shadow that is not modelled, or other light may be the cause"
-    )
-    warn(
-        f"{world.recording.source}: {contrary.mean():.0%} of the pixels fire events that the light of the ring does not explain; "
-        f"{cause}. Their values come from their neighbours."
-    )
 
 
 def summarise(world: World, settings: Settings, fitted: Fitted, notes: dict) -> dict:

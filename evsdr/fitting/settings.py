@@ -48,6 +48,8 @@ class Settings:
     kinds. Edges stay, and the data decide how strong each is."""
     init: Literal["frontal", "geometry"] = "frontal"
     """Start value of the normals."""
+    repair: bool = False
+    """If the set-up is told wrong and the events tell how, fit with that mended."""
     seed: int = 0
     """Seed of everything random."""
     limit_deg: float = 0.05

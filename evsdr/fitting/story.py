@@ -18,10 +18,10 @@ from evsdr.effects.near_leds import DepthOfNearLeds, NearLeds
 from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.sensitivity import mean_error
+from evsdr.effects.setup import SetUp, Wiring
 from evsdr.effects.shadows import Shadows, ShadowsInEvents, ShadowsOnFit
 from evsdr.effects.shared import find_shared, widened
-from evsdr.effects.thresholds import Thresholds, ThresholdScale
-from evsdr.effects.wiring import Wiring
+from evsdr.effects.thresholds import Thresholds, ThresholdScale, ThresholdsUnderVeil
 from evsdr.effects.world import ROUND_RAYS, TRIAL_RAYS, Fitted, Terms, World
 from evsdr.fitting import report
 from evsdr.fitting.checks import check_fit, object_mask
@@ -29,6 +29,7 @@ from evsdr.fitting.decoder import Decoder, start_normals
 from evsdr.fitting.entrance import Fit
 from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
+from evsdr.fitting.verdict import judge
 from evsdr.light.scene import RingScene
 from evsdr.light.tracing import trace_illumination
 from evsdr.metrics import angular_error_deg
@@ -42,7 +43,9 @@ EFFECTS = (
     Rays(),
     HotPixels(),
     Thresholds(),
+    SetUp(),
     Wiring(),
+    ThresholdsUnderVeil(),
     LedPowers(),
     LedDirections(),
     TimeShift(),
@@ -90,6 +93,7 @@ def fit_recording(
         fitted = solve(world.problem(), None, first, advance)
         world, changed = decide("anew", world, fitted, settings)
         if changed:
+            solve = replace(solve, thresholds=world.thresholds)
             fitted = solve(world.problem(), None, first, advance)
     with stages.stage("neighbours") as advance:
         world, fitted = settle_events(world, fitted, settings, solve, advance)
@@ -111,8 +115,7 @@ def fit_recording(
         surface = world.surface.files(fitted) if fitted.maps.mask.any() else {}
     geometry.check_pieces(world)
     geometry.check_normals(world, fitted.maps)
-    report.warn_of_what_was_found(world, fitted)
-    summary = report.summarise(world, settings, fitted, notes)
+    summary = report.summarise(world, settings, fitted, notes) | {"verdict": str(judge(world, fitted))}
     return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface)
 
 

@@ -17,6 +17,7 @@ from evsdr.fitting import decoder
 from evsdr.solve import problem
 from tests.conftest import REPOSITORY
 from tests.support.command_line import change, contents, read
+from tests.support.command_line import replace as rewrite
 from tests.support.small_scene import DIFFUSE, HEIGHT, WIDTH, scene
 
 # ---------------------------------------------------------------------- stopped
@@ -184,6 +185,34 @@ def test_rectangle_stands_for_an_unknown_shape(commands):
     assert summary["mae_deg"] < 6
     assert summary["numbers"]["pixels_solved"] == WIDTH * HEIGHT
     assert not maps["mask"][:, 0].any()  # dark: no events there
+
+
+def test_a_set_up_that_is_told_wrong(commands):
+    """Polarities are swapped: the results are written, the status is 3, and --repair gives those of the right file."""
+    truth = ("--truth", commands.folder / "truth.npz")
+    _, right = commands.results(*truth, out="right")
+    events = read(commands.folder, "CD/events")
+    events["p"] = 1 - events["p"]
+    rewrite(commands.folder, "CD/events", events)
+    _, told = commands.results(*truth, status=3)
+    sentence = told["verdict"].removeprefix("contradicted: ")
+    assert sentence in told["warnings"] and "events.h5: polarities are flipped: with that, " in sentence
+    assert sentence.endswith("; write 1 - p for p in CD/events, or use --repair.")
+    assert told["effects"]["set-up"]["found"]["error"] == "polarities are flipped"
+    assert told["mae_deg"] > 5 * right["mae_deg"]
+    _, mended = commands.results(*truth, "--repair")
+    assert mended["verdict"].startswith("doubtful: ") and "the fit took that for true" in mended["verdict"]
+    assert mended["effects"]["set-up"]["modelled"]
+    assert mended["mae_deg"] == pytest.approx(right["mae_deg"], rel=1e-3)
+
+
+def test_constant_light_that_is_not_told(commands):
+    truth = ("--truth", commands.folder / "truth.npz", "-D", "constant_light=0")
+    _, told = commands.results(*truth, status=3)
+    assert "there is constant light though constant_light is 0" in told["verdict"]
+    maps, mended = commands.results(*truth, "--repair")
+    assert mended["mae_deg"] < 5 < told["mae_deg"]
+    np.testing.assert_allclose(maps["reflectance"][maps["mask"]].max(axis=-1), 1, rtol=1e-6)
 
 
 # ---------------------------------------------------------------------- as processes

@@ -36,6 +36,10 @@ def test_a_command_that_works(capsys):
     assert capsys.readouterr() == ("", "")
 
 
+def test_a_command_that_gives_its_status():
+    assert run_command("count", Options, lambda options: options.number, ["--number", "3"]) == 3
+
+
 @pytest.mark.parametrize(
     "error, status, sentence",
     [

@@ -20,3 +20,11 @@ def test_the_sensor_has_it():
     after = Refractory().model(before, decision(Refractory(), refractory=0.3))
     assert after.recording.sensor.refractory_us == pytest.approx(300)
     assert before.recording.sensor.refractory_us == 50
+
+
+@pytest.mark.parametrize(("refractory", "warned"), [(0.3, True), (0.09, False)])
+def test_a_period_told_wrong_is_warned_of(refractory, warned):
+    """Told 50 us, to 15 us; beyond three times that it is worth a word."""
+    sentence = Refractory().warning(found(refractory=refractory))
+    assert sentence.startswith("refractory_us is told as 50 but the events say 300") == warned
+    assert bool(sentence) == warned

@@ -5,18 +5,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from evsdr.effects.thresholds import Thresholds, ThresholdScale
+from evsdr.effects.thresholds import Thresholds, ThresholdScale, ThresholdsUnderVeil
 from evsdr.effects.world import Terms
 from evsdr.records import Sensor
 from tests.support.shared_worlds import FITTED, decision, found
 from tests.support.shared_worlds import world as shared_world
 
 
-def world(on=0.2, solver="lm", constant_light=0.05):
+def world(on=0.2, solver="lm", constant_light=0.05, veil=None):
     return SimpleNamespace(
         recording=SimpleNamespace(sensor=Sensor(4, 3, on, 0.3, 50.0)),
         ring=SimpleNamespace(constant_light=constant_light),
         terms=Terms(solver=solver),
+        veil=veil,
     )
 
 
@@ -35,6 +36,11 @@ def test_who_tells_the_thresholds(asked, given, estimated, words):
     decision = Thresholds().decide(asked, world(**given), None)
     assert decision.modelled == estimated and words in decision.why
     assert decision.why.startswith("estimated per pixel: " if estimated else "as told: ")
+
+
+def test_events_that_show_constant_light_can_tell_thresholds():
+    assert ThresholdsUnderVeil().decide("auto", world(), None) is None
+    assert ThresholdsUnderVeil().decide("auto", world(constant_light=0, veil=0.1), None).modelled
 
 
 def test_thresholds_that_are_unknown_anyway_have_no_scale():

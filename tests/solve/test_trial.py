@@ -25,3 +25,20 @@ def test_the_right_reading_costs_least():
         1 + p * p + q * q
     )
     assert np.degrees(np.arccos(np.median(cosine))) < 1.5
+
+
+def test_what_each_reading_leaves_unexplained():
+    recording, light, _, mask = sphere_recording(16, event_noise=0.1)
+    swapped = np.arange(24)
+    swapped[[4, 15]] = 15, 4
+    problems = [problem_of(recording, light, mask, o) for o in (np.arange(24), swapped)]
+    row = np.arange(10, problems[0].n_pixel, 6)
+    cases = [problem.pairs.of_pixels(row) for problem in problems]
+    for thresholds in (False, True):
+        right, wrong = trial.readings(cases, problems[0].illumination, row, thresholds)
+        assert right.theta.shape == (len(row), 10) and len(right.residual) == len(right.pixel)
+        assert set(right.pixel) == set(range(len(row)))
+        assert np.median(np.abs(right.residual)) < 0.12
+        assert np.mean(np.abs(wrong.residual) > 0.5) > 10 * np.mean(np.abs(right.residual) > 0.5)
+        assert (right.gain is not None) == thresholds
+    np.testing.assert_allclose(np.median(right.gain, axis=0), 1, atol=0.1)

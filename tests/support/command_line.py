@@ -48,10 +48,10 @@ class Commands:
     def simulate(self, *argv, scene="scene.xml", ideal=("--ideal",), out="."):
         return self.run(simulate.main, self.folder / scene, "--out", self.folder / out, *ideal, *argv)
 
-    def results(self, *argv, **names):
-        """Fit, check what holds for all results, and give maps and summary."""
-        status, _, err = self.fit(*argv, **names)
-        assert status == 0, err
+    def results(self, *argv, status=0, **names):
+        """Fit, check exit status and what holds for all results, and give maps and summary."""
+        given, out, err = self.fit(*argv, **names)
+        assert given == status, err
         folder = self.folder / names.get("out", "out")
         text = (folder / "summary.json").read_text()
         summary = json.loads(text, parse_constant=pytest.fail)  # called on NaN and infinity
@@ -59,6 +59,9 @@ class Commands:
         with np.load(folder / "maps.npz") as file:
             maps = {name: file[name] for name in file.files}
         check_maps(maps)
+        verdict = summary["verdict"].partition(": ")[0]
+        assert verdict == "contradicted" if status else verdict in ("trustworthy", "doubtful")
+        assert re.search(rf"verdict\W+{verdict}\b", out)
         return maps, summary
 
 

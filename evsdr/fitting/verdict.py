@@ -1,0 +1,121 @@
+"""Whether a fit can be trusted: what its user should look into, and one word on all of it."""
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from evsdr.effects.world import Fitted, World
+from evsdr.errors import InputWarning
+from evsdr.fitting.report import threshold_summary
+from evsdr.solve.noise import MISFIT
+
+TRUSTWORTHY, DOUBTFUL, CONTRADICTED = "trustworthy", "doubtful", "contradicted"
+WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth a warning
+CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
+CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are worth a warning
+MENDED_MISFIT = 0.25  # `MISFIT` after LEDs were put right: what remains was not theirs
+FEW_KNOWN = 0.5  # of the pixels that fire; guessed
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What to think of a fit.
+
+    Attributes
+    ----------
+    contradictions : tuple of str
+        Sentences on what in the files can't be.
+    doubts : tuple of str
+        Sentences on what may be wrong.
+    """
+
+    contradictions: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        if self.contradictions:
+            return f"{CONTRADICTED}: {' '.join(self.contradictions)}"
+        return f"{DOUBTFUL}: {' '.join(self.doubts)}" if self.doubts else TRUSTWORTHY
+
+
+def judge(world: World, fitted: Fitted) -> Verdict:
+    """Judge a fit, and warn its user of what they should look into."""
+    ring = world.ring
+    if ring.constant_light == 0:
+        warn(
+            f"{ring.path}: constant_light is 0, so the scale of reflectance is unknown and the "
+            "largest band of each pixel is set to 1; measure the constant light and write it there."
+        )
+    contradictions = tuple(contradictions_of(world, fitted))
+    # Under a contradiction what else is odd comes of that
+    doubts = tuple(ignorance(world, fitted)) + (() if contradictions else tuple(doubts_of(world, fitted)))
+    for sentence in (*doubts, *contradictions):
+        warn(sentence)
+    return Verdict(contradictions, doubts)
+
+
+def warn(sentence: str) -> None:
+    """Warn the user of their input."""
+    warnings.warn(InputWarning(sentence))
+
+
+def contradictions_of(world: World, fitted: Fitted) -> Iterator[str]:
+    """Say what in the files can't be: a set-up that another one explains, or that nothing explains."""
+    noise, source, ring = fitted.solution.noise, world.recording.source, world.ring
+    told, wiring = (world.decisions.get(name) for name in ("set-up", "wiring"))
+    if told and told.answer and not told.modelled:
+        yield f"{source}: {told.answer}; {told.found['remedy']}, or use --repair."
+    elif noise > (MENDED_MISFIT if wiring and wiring.modelled else MISFIT):
+        yield (
+            f"{source}: the events contradict {ring.path}, their thresholds scatter by "
+            f"{noise:.0%}; check order, slot_us, triggers, thresholds and constant_light."
+        )
+
+
+def ignorance(world: World, fitted: Fitted) -> Iterator[str]:
+    """Say that few pixels are known."""
+    source, known = world.recording.source, np.count_nonzero(fitted.maps.mask)
+    fired = np.count_nonzero(fitted.problem.fired)
+    if not known:
+        yield f"{source}: no pixel is known; record more rounds, or with less constant light."
+    elif known < FEW_KNOWN * fired:
+        yield f"{source}: only {known / fired:.0%} of the pixels that fire are known; record more rounds."
+
+
+def doubts_of(world: World, fitted: Fitted) -> Iterator[str]:
+    """Say what may be wrong: what was mended, pixels that are not explained, thresholds that are not as told."""
+    source = world.recording.source
+    for decision in world.decisions.values():
+        if decision.modelled and decision.warning:
+            yield f"{source}: {decision.warning}"
+    yield from contrary_pixels(world, fitted)
+    for name, values in threshold_summary(world.recording, fitted).items():
+        if abs(np.log(values["found"] / values["told"])) > WRONG_THRESHOLD:
+            yield (
+                f"{source}: {name} is told as {values['told']:.3g} but the events say "
+                f"{values['found']:.3g}; the latter was used: "
+                "check the camera's biases, or the surface is not matt."
+            )
+
+
+def contrary_pixels(world: World, fitted: Fitted) -> Iterator[str]:
+    """Say how many pixels fire events that the light does not explain."""
+    pixel = fitted.problem.pixel
+    contrary = fitted.solution.noise_factor > CONTRARY
+    if world.hot is not None:
+        contrary = contrary | world.hot.ravel()[pixel]
+    if np.count_nonzero(contrary) < max(CONTRARY_COUNT, CONTRARY_SHARE * len(contrary)):
+        return
+    count = np.diff(world.pairs().offset.astype(np.int64))[pixel]
+    often = np.median(count[contrary]) > 2 * np.median(count[~contrary]) if not contrary.all() else False
+    cause = (
+        "they fire more often than the others, so they are probably hot: mask them in the camera"
+        if often
+        else "gloss, a shadow that is not modelled, or other light may be the cause"
+    )
+    yield (
+        f"{world.recording.source}: {contrary.mean():.0%} of the pixels fire events that the light of the ring does not explain; "
+        f"{cause}. Their values come from their neighbours."
+    )

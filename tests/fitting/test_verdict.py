@@ -1,0 +1,79 @@
+"""Whether a fit can be trusted, and what its user should look into."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from evsdr.effects.effect import Decision
+from evsdr.errors import InputWarning
+from evsdr.fitting.verdict import TRUSTWORTHY, Verdict, judge
+from tests.support.told_fits import N, fitted, world
+
+ERROR = Decision("set-up", False, "", None, {"remedy": "mirror it"}, "the image is mirrored: look")
+MENDED = Decision("wiring", True, "", warning="LED 5 gives no light.")
+
+
+def said(match, *given):
+    """Judge, see that the user is warned of it, and give the verdict."""
+    with pytest.warns(InputWarning, match=match):
+        return str(judge(*given))
+
+
+def test_nothing_to_warn_of():
+    assert str(judge(world(), fitted(np.ones((N, 2)), noisy=4))) == TRUSTWORTHY
+
+
+def test_an_unknown_scale_is_told_but_no_doubt():
+    assert said("^a.xml: constant_light is 0", world(constant_light=0), fitted()) == TRUSTWORTHY
+
+
+@pytest.mark.parametrize(
+    ("given", "fit", "words"),
+    [
+        ({}, {"noisy": 7}, "^b.h5: 7% of the pixels fire .*gloss, a shadow"),
+        ({"busy": 7}, {"noisy": 7}, "^b.h5: 7% of the pixels fire .*probably hot"),
+        ({}, {"gain": np.full((N, 2), [1.0, 1.2])}, "contrast_threshold_off is told as 0.3 .* say 0.36"),
+        ({}, {"known": 0}, "^b.h5: no pixel is known"),
+        ({}, {"known": 40}, "^b.h5: only 40% of the pixels that fire are known"),
+        ({"decisions": {"wiring": MENDED}}, {}, "^b.h5: LED 5 gives no light.$"),
+    ],
+)
+def test_what_a_user_should_look_into(given, fit, words):
+    assert said(words, world(**given), fitted(**fit)).startswith("doubtful: b.h5: ")
+
+
+def test_what_is_not_modelled_does_not_warn():
+    given = world(decisions={"wiring": replace(MENDED, modelled=False)})
+    assert str(judge(given, fitted())) == TRUSTWORTHY
+
+
+def test_hot_pixels_are_counted_with_those_that_contradict():
+    hot = np.zeros((10, 10), bool)
+    hot[0, 5:8] = True
+    assert said("8% of the pixels", world(hot=hot), fitted(noisy=6)).startswith("doubtful")
+
+
+def test_events_that_contradict():
+    words = "^b.h5: the events contradict a.xml, their thresholds scatter by 60%"
+    assert said(words, world(), fitted(noise=0.6)).startswith("contradicted: b.h5: the events contradict")
+
+
+def test_a_ring_that_was_put_right_and_still_does_not_fit_contradicts():
+    given = world(decisions={"wiring": MENDED})
+    assert said("the events contradict", given, fitted(noise=0.3)).startswith("contradicted")
+    assert said("gives no light", given, fitted(noise=0.2)).startswith("doubtful")
+
+
+def test_a_set_up_that_another_one_explains():
+    given = world(decisions={"set-up": ERROR})
+    sentence = "b.h5: the image is mirrored: look; mirror it, or use --repair."
+    assert said(sentence, given, fitted(noise=0.6, noisy=7)) == f"contradicted: {sentence}"
+    repaired = replace(ERROR, modelled=True, warning="the image is mirrored; the fit took that for true.")
+    assert said("took that for true", world(decisions={"set-up": repaired}), fitted()).startswith("doubtful")
+
+
+def test_one_verdict():
+    assert str(Verdict()) == "trustworthy"
+    assert str(Verdict((), ("a.", "b."))) == "doubtful: a. b."
+    assert str(Verdict(("c.",), ("a.",))) == "contradicted: c."

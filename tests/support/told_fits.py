@@ -1,0 +1,40 @@
+"""A fit of 10 x 10 pixels, and its world, for what is said of them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from evsdr.fitting import verdict
+from evsdr.records import Schedule, Sensor
+
+N = 100
+
+
+def fitted(gain=None, noise=0.1, noisy=0, known=N):
+    """A fit; the first of its pixels are so noisy that they count for nothing, and only some are known."""
+    factor = np.ones(N)
+    factor[:noisy] = 2 * verdict.CONTRARY
+    solution = SimpleNamespace(
+        noise=noise,
+        noise_factor=factor,
+        threshold_gain=gain,
+        threshold_gain_sigma=None if gain is None else np.full((N, 2), 0.02),
+        prior_scale={"rank": 3},
+    )
+    maps = SimpleNamespace(mask=(np.arange(N) < known).reshape(10, 10))
+    problem = SimpleNamespace(pixel=np.arange(N), n_pixel=N, fired=np.ones(N, bool))
+    return SimpleNamespace(solution=solution, maps=maps, problem=problem)
+
+
+def world(constant_light=0.05, busy=0, **more):
+    """A world whose first pixels fire nine times as often."""
+    count = np.full(N, 20)
+    count[:busy] *= 9
+    recording = SimpleNamespace(
+        source="b.h5", sensor=Sensor(10, 10, 0.2, 0.3, 50.0), schedule=Schedule(np.array([0, 0, 2]), 1e4, 1.0)
+    )
+    leds = SimpleNamespace(band=[0, 1, 2], band_wavelength_nm=np.array([450.0, 550.0, 650.0]))
+    ring = SimpleNamespace(path="a.xml", constant_light=constant_light, leds=leds)
+    pairs = SimpleNamespace(offset=np.append(0, np.cumsum(count)).astype(np.uint32))
+    given = dict(ring=ring, recording=recording, hot=None, pairs=lambda: pairs, decisions={})
+    return SimpleNamespace(**given | more)
