@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 from evsdr.errors import InputError
+from evsdr.signals import undisturbed
 
 VARIANTS = ("llvm_ad_spectral", "cuda_ad_spectral")
 OLDEST = 19
@@ -69,8 +70,9 @@ def start(variant: str | None = None) -> None:
         os.environ["DRJIT_LIBLLVM_PATH"] = str(library)
 
     try:
-        import drjit as dr
-        import mitsuba as mi
+        with undisturbed():  # they abort the process where an import is stopped
+            import drjit as dr
+            import mitsuba as mi
     except (ImportError, NameError) as error:  # a missing system library is a NameError in drjit 1.5
         cause = error.__context__ or error
         remedy = f"install what is missing, such as: {install_command()}"

@@ -10,7 +10,7 @@ tomllib = pytest.importorskip("tomllib")  # from Python 3.11 on
 
 # What may be imported lies on a floor below, or in the same room.
 FLOORS = (
-    ("errors", "records", "progress"),
+    ("errors", "records", "progress", "signals"),
     ("model", "metrics"),
     ("integrators", "events", "files", "jit", "frozen"),
     ("solve", "light", "shape", "rig"),

@@ -6,11 +6,9 @@ import shlex
 import signal
 import sys
 import tempfile
-import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import tyro
 from rich.console import Console
@@ -19,6 +17,7 @@ from rich.text import Text
 
 from evsdr import __version__
 from evsdr.errors import InputError, InputWarning
+from evsdr.signals import stoppable
 
 UNFORESEEN = 70  # EX_SOFTWARE of sysexits.h
 LESS = "use a smaller film or fewer events, or close other programs"
@@ -48,17 +47,18 @@ def run_command(
         runs out; 130 when stopped by Ctrl-C, 129 and 143 by SIGHUP and SIGTERM.
     """
     prog, config = f"python -m evsdr.{name}", (tyro.conf.AvoidSubcommands,)
-    with warnings.catch_warnings(), listening() as stopped:
+    came: list[int] = []  # signals that stop
+    with warnings.catch_warnings():
         warnings.simplefilter("always", InputWarning)
         warnings.showwarning = lambda message, *_: print(f"warning: {message}", file=sys.stderr)
         try:
-            return command(tyro.cli(options_type, prog=prog, args=argv, config=config)) or 0
+            with stoppable(came):
+                return command(tyro.cli(options_type, prog=prog, args=argv, config=config)) or 0
         except InputError as error:
             print(f"error: {error}", file=sys.stderr)
             return 2
-        except KeyboardInterrupt:
-            print("stopped; nothing was written.", file=sys.stderr)
-            return 128 + (stopped[0] if stopped else signal.SIGINT)
+        except KeyboardInterrupt as stop:
+            return _stopped(came, str(stop))
         except MemoryError:
             print(f"error: the memory ran out; {LESS}.", file=sys.stderr)
             return UNFORESEEN
@@ -66,32 +66,15 @@ def run_command(
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return UNFORESEEN
         except Exception as error:
+            if came:  # compiled code makes other errors of it
+                return _stopped(came, "")
             print(f"error: {_unforeseen(name, argv, error)}", file=sys.stderr)
             return UNFORESEEN
 
 
-@contextmanager
-def listening() -> Iterator[list[int]]:
-    """Let SIGTERM and SIGHUP stop a command as Ctrl-C does, so that it cleans up; gives the list of those that came.
-
-    Those that the parent of this process ignores stay ignored; other threads than the first one can't listen.
-    """
-    came: list[int] = []
-
-    def stop(number, _):
-        came.append(number)
-        raise KeyboardInterrupt
-
-    names = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    main = threading.current_thread() is threading.main_thread()
-    numbers = [n for n in names if main and signal.getsignal(n) is signal.SIG_DFL]
-    for number in numbers:
-        signal.signal(number, stop)
-    try:
-        yield came
-    finally:
-        for number in numbers:
-            signal.signal(number, signal.SIG_DFL)
+def _stopped(came: list[int], what: str) -> int:
+    print(f"stopped; {what or 'nothing was written.'}", file=sys.stderr)
+    return 128 + (came[0] if came else signal.SIGINT)
 
 
 def _unforeseen(name: str, argv: list[str] | None, error: Exception) -> str:

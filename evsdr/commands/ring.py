@@ -3,7 +3,6 @@
 From Python see `evsdr.rig.driver`.
 """
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -51,17 +50,13 @@ class Options:
     """Where run writes what was lit when."""
 
 
-class _Stopped(Exception):
+class _Stopped(KeyboardInterrupt):
     """A run was stopped by Ctrl-C, and its log is written."""
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; gives its exit status."""
-    try:
-        return run_command("ring", Options, command, argv)
-    except _Stopped as stopped:
-        print(f"stopped; {stopped}", file=sys.stderr)
-        return 130
+    return run_command("ring", Options, command, argv)
 
 
 def command(options: Options) -> None:

@@ -3,8 +3,6 @@
 import os
 import secrets
 import shutil
-import signal
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +10,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 from evsdr.errors import InputError
+from evsdr.signals import undisturbed
 
 try:
     import fcntl
@@ -79,7 +78,7 @@ def atomic_folder(folder: str | Path, seal: str | None = None) -> Iterator[Path]
             temporary = Path(mkdtemp(prefix=PREFIX, dir=folder))
             try:
                 yield temporary
-                with _undisturbed():
+                with undisturbed():
                     _move(temporary, folder, seal)
             finally:
                 shutil.rmtree(temporary, ignore_errors=True)
@@ -125,25 +124,6 @@ def _alone(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Let signals wait. A mask would not do: other threads of the process hear them, and Python acts in the first one."""
-    came: list[int] = []
-    names = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    main = threading.current_thread() is threading.main_thread()
-    before = {number: signal.getsignal(number) for number in names if main}
-    before = {number: handler for number, handler in before.items() if callable(handler)}
-    for number in before:
-        signal.signal(number, lambda number, _: came.append(number))
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    for number in came[:1]:
-        signal.raise_signal(number)
 
 
 def check_folder(folder: Path) -> None:

@@ -76,6 +76,23 @@ def test_a_defect_is_told_in_a_sentence_that_names_a_log(capsys, tmp_path, monke
     assert "count --number 3\n" in text and "Traceback" in text and "ZeroDivisionError: of all things" in text
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_what_compiled_code_makes_of_ctrl_c_is_no_defect(capsys):
+    def command(options):
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(10)
+        except KeyboardInterrupt:
+            raise RuntimeError("callback failed") from None
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert run_command("count", Options, command, []) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert capsys.readouterr() == ("", "stopped; nothing was written.\n")
+
+
 def test_a_defect_on_a_full_disk_is_told_too(capsys, tmp_path, monkeypatch):
     def command(options):
         raise ZeroDivisionError

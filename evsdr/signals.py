@@ -1,0 +1,70 @@
+"""Signals that stop a command: so that it cleans up, and never in the middle of what must not be cut."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+AGAIN = 2.0  # seconds after which a stop is raised again: callbacks of compiled code swallow some
+STOPS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+ALARM = tuple(getattr(signal, name) for name in ("SIGALRM",) if hasattr(signal, name))
+
+
+@contextmanager
+def stoppable(came: list[int]) -> Iterator[None]:
+    """Let Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt, again and again until it comes through.
+
+    Signals that the parent of this process ignores, or that others handle, stay as they are; only the first thread of a
+    process can listen.
+
+    Parameters
+    ----------
+    came : list of int
+        Gets the numbers of those that came.
+    """
+
+    def again(*_):
+        raise KeyboardInterrupt
+
+    def stop(number, _):
+        came.append(number)
+        if ALARM:
+            signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
+        raise KeyboardInterrupt
+
+    before = _handlers(STOPS + ALARM)
+    before = {
+        n: handler for n, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)
+    }
+    for number in before:
+        signal.signal(number, again if number in ALARM else stop)
+    try:
+        yield
+    finally:
+        if ALARM and before:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Let signals wait. A mask would not do: other threads of the process hear them, and Python acts in the first one."""
+    came: list[int] = []
+    before = {n: handler for n, handler in _handlers(STOPS + ALARM).items() if callable(handler)}
+    for number in before:
+        signal.signal(number, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for number in came[:1]:
+        signal.raise_signal(number)
+
+
+def _handlers(numbers: tuple[int, ...]) -> dict:
+    """Give what signals do now; nothing in other threads than the first."""
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    return {number: signal.getsignal(number) for number in numbers}

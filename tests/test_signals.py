@@ -1,0 +1,89 @@
+"""Signals stop a command, and wait while they must."""
+
+import os
+import signal
+import threading
+import time
+
+import pytest
+
+from evsdr import signals
+from evsdr.signals import stoppable, undisturbed
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+
+
+@pytest.fixture(autouse=True)
+def handlers():
+    """Handlers as a fresh process has them."""
+    fresh = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGALRM: signal.SIG_DFL,
+    }
+    before = {number: signal.signal(number, handler) for number, handler in fresh.items()}
+    yield fresh
+    assert {number: signal.getsignal(number) for number in fresh} == fresh
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def send(number):
+    os.kill(os.getpid(), number)
+    time.sleep(0.05)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_stop(number):
+    came = []
+    with pytest.raises(KeyboardInterrupt), stoppable(came):
+        send(number)
+    assert came == [number]
+
+
+def test_a_stop_that_was_swallowed_comes_again(monkeypatch):
+    monkeypatch.setattr(signals, "AGAIN", 0.1)
+    came, swallowed = [], 0
+    with pytest.raises(KeyboardInterrupt), stoppable(came):
+        for _ in range(3):
+            try:
+                if not swallowed:
+                    send(signal.SIGINT)
+                time.sleep(5)
+            except KeyboardInterrupt:
+                swallowed += 1
+        time.sleep(5)
+    assert came == [signal.SIGINT] and swallowed == 3
+    time.sleep(0.2)  # nothing comes any more
+
+
+def test_what_others_handle_stays():
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    came = []
+    with stoppable(came):
+        send(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN and not came
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def test_signals_wait_while_they_must():
+    came, done = [], []
+    with pytest.raises(KeyboardInterrupt), stoppable(came):
+        with undisturbed():
+            send(signal.SIGTERM)
+            done.append(1)
+        done.append(2)
+    assert came == [signal.SIGTERM] and done == [1]
+
+
+def test_other_threads_do_not_listen():
+    done = []
+
+    def work():
+        with stoppable([]), undisturbed():
+            done.append(1)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert done == [1]
