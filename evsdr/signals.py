@@ -1,6 +1,7 @@
 """Signals that stop a command: so that it cleans up, and never in the middle of what must not be cut."""
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,12 +40,24 @@ def stoppable(came: list[int]) -> Iterator[None]:
     for number in before:
         signal.signal(number, again if number in ALARM else stop)
     try:
-        yield
+        with _quiet():
+            yield
     finally:
         if ALARM and before:
             signal.setitimer(signal.ITIMER_REAL, 0)
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Say nothing of stops that came where nothing can be raised, as in destructors: they come again."""
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda told: None if isinstance(told.exc_value, KeyboardInterrupt) else hook(told)
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import threading
 import time
 
@@ -55,6 +56,22 @@ def test_a_stop_that_was_swallowed_comes_again(monkeypatch):
         time.sleep(5)
     assert came == [signal.SIGINT] and swallowed == 3
     time.sleep(0.2)  # nothing comes any more
+
+
+def test_a_stop_where_nothing_can_be_raised_is_quiet(monkeypatch):
+    """In a destructor; it comes again."""
+
+    class Slow:
+        def __del__(self):
+            send(signal.SIGINT)
+            time.sleep(5)
+
+    monkeypatch.setattr(signals, "AGAIN", 0.1)
+    monkeypatch.setattr(sys, "unraisablehook", pytest.fail)
+    with pytest.raises(KeyboardInterrupt), stoppable([]):
+        Slow()
+        time.sleep(5)
+    assert sys.unraisablehook is pytest.fail
 
 
 def test_what_others_handle_stays():
