@@ -7,6 +7,7 @@ import numpy as np
 
 from evsdr.effects.world import Fitted
 from evsdr.fitting.maps import assemble_maps
+from evsdr.fitting.misfit import explain_misfit
 from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
 from evsdr.light.ground_truth import surface_maps
@@ -66,6 +67,10 @@ class Decoder:
             *values, solution = solve_as_published(*given, progress)
             return self.fitted(problem, solution, tuple(values))
         return self.fitted(problem, solve(*given, self.thresholds, progress, before, purpose))
+
+    def misfit(self, fitted: Fitted) -> str:
+        """Say where the events are explained less well than elsewhere, see `misfit.explain_misfit`."""
+        return explain_misfit(fitted, choose_effort(self.settings).width(self.thresholds))
 
     def fitted(self, problem: Problem, solution: Solution, values: tuple | None = None) -> Fitted:
         """Lay a solution out as maps; `values` are normals and reflectances that stand as they are."""

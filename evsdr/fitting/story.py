@@ -115,7 +115,8 @@ def fit_recording(
         surface = world.surface.files(fitted) if fitted.maps.mask.any() else {}
     geometry.check_pieces(world)
     geometry.check_normals(world, fitted.maps)
-    summary = report.summarise(world, settings, fitted, notes) | {"verdict": str(judge(world, fitted))}
+    said = {"verdict": str(judge(world, fitted)), "misfit": solve.misfit(fitted)}
+    summary = report.summarise(world, settings, fitted, notes) | said
     return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface)
 
 

@@ -1,4 +1,9 @@
-"""How much residuals scatter: in most pixels, and how much more in some."""
+"""How much residuals scatter: in most pixels, and how much more in some.
+
+Noise of events is independent from one to the next; what the model leaves out comes again in each round, whenever the
+same LEDs are lit. So residuals of a pixel that go together in a slot tell of misfit, and the events of a slot then count
+as fewer than they are: the covariance of a score that is summed by clusters (Liang and Zeger 1986), one factor per pixel.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +13,7 @@ import numpy as np
 from evsdr.frozen import recorded
 from evsdr.model.arrays import owned
 from evsdr.solve.loss import Loss, relative_residual, scaled, system_table
-from evsdr.solve.pair_data import PairData
+from evsdr.solve.pair_data import PairData, ends, unpack_pair
 from evsdr.solve.solution import Data, State
 from evsdr.solve.system import system_of
 from evsdr.solve.tuning import Tuning
@@ -16,6 +21,9 @@ from evsdr.solve.tuning import Tuning
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual
 MISFIT = 0.5  # of that of most pixels, above which events and model contradict each other; guessed
 N_SHOWN = 32  # pairs of a pixel that show its noise
+N_SLOTTED = 128  # pairs of a pixel that show whether those of a slot go together
+SMALLEST_SQUARE = 1e-12  # of a score
+FEW_SLOTS = 8  # as many slots as count for what is true of most pixels; guessed
 MOST_FREEDOM = 2.0  # largest factor for the unknowns that pairs have been fitted with
 MEDIAN_TO_SIGMA = 1.4826  # of |x| for Gaussian x
 MOST = 10.0  # times the noise of most pixels
@@ -46,11 +54,13 @@ class Scatter:
 
 @recorded
 def _residuals(system, theta: list, pixel, shown):
-    """|u| of some pairs, each of the pixel told."""
+    """u of some pairs, each of the pixel told; phases of start and end, polarity, and light at the end."""
     table = system_table(system, theta)
     told = scaled(system.pairs, system.unknowns.gains(theta))
     dr.eval(told.threshold_on, told.threshold_off)
-    return dr.abs(relative_residual(table, told, system.constant_light, shown, pixel, True)[0])
+    u = relative_residual(table, told, system.constant_light, shown, pixel, True)[0]
+    light = ends(table, system.pairs, shown, pixel, True)[1] + system.constant_light
+    return u, *unpack_pair(system.pairs.phases, shown, True), light
 
 
 def scatter_of(data: Data, state: State) -> Scatter:
@@ -65,9 +75,86 @@ def scatter_of(data: Data, state: State) -> Scatter:
     shown = first[:, None] + n[:, None] * np.arange(N_SHOWN) // N_SHOWN
     of_pixel = owned(UInt32, np.repeat(pixel, N_SHOWN))
     system = system_of(data, state, Loss(data.robust))
-    u = _residuals(system, state.theta, of_pixel, owned(UInt32, shown.ravel())).numpy().reshape(shown.shape)
+    u = _residuals(system, state.theta, of_pixel, owned(UInt32, shown.ravel()))[0].numpy()
     freedom = np.minimum(np.sqrt(n / np.maximum(n - len(state.theta), 1)), MOST_FREEDOM)
-    return Scatter(pixel, n, MEDIAN_TO_SIGMA * np.median(u, axis=1) * freedom)
+    return Scatter(pixel, n, MEDIAN_TO_SIGMA * np.median(np.abs(u).reshape(shown.shape), axis=1) * freedom)
+
+
+@dataclass(frozen=True)
+class Slotted:
+    """Some pairs of all pixels, and how their residuals go together with those of the same slot and polarity.
+
+    Attributes
+    ----------
+    pixel, group : (n,) int
+        Pixel of each pair, and what it shares with the pairs of its pixel's slot and polarity.
+    score : (n,) float
+        Its residual, by robust weights.
+    start, end : (n,) float
+        Phases.
+    light : (n,) float
+        At its end, with the constant light.
+    """
+
+    pixel: np.ndarray
+    group: np.ndarray
+    score: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    light: np.ndarray
+
+    def n_group(self, n_pixel: int) -> np.ndarray:
+        """Count the groups of each pixel (n_pixel,)."""
+        first = np.unique(self.group, return_index=True)[1]
+        return np.bincount(self.pixel[first], minlength=n_pixel)
+
+    @property
+    def shared(self) -> np.ndarray:
+        """Give the product (n,) of each score with the mean of the others of its group; nan where it is alone.
+
+        Its mean is 0 for noise of single events, and else the variance of what the model leaves out.
+        """
+        number, total = np.bincount(self.group), np.bincount(self.group, self.score)
+        others = number[self.group] - 1
+        mean = (total[self.group] - self.score) / np.maximum(others, 1)
+        return np.where(others > 0, self.score * mean, np.nan)
+
+
+def slotted(data: Data, state: State) -> Slotted:
+    """Look at some pairs of each pixel."""
+    pairs: PairData = state.pairs
+    UInt32, n_slot = type(pairs.offset), dr.width(pairs.slot_leds)
+    count, first = pairs.counts, pairs.offset.numpy().astype(np.int64)[:-1]
+    some = np.minimum(count, N_SLOTTED)
+    pixel = np.repeat(np.arange(len(count)), some)
+    within = np.arange(len(pixel)) - np.repeat(np.cumsum(some) - some, some)
+    shown = first[pixel] + within * count[pixel] // some[pixel]
+    if len(pixel) == 0:
+        return Slotted(pixel, pixel, *np.zeros((4, 0)))
+    system = system_of(data, state, Loss(data.robust))
+    found = _residuals(system, state.theta, owned(UInt32, pixel), owned(UInt32, shown))
+    u, start, end, polarity, light = (value.numpy().astype(float) for value in found)
+    score = u / (1 + np.square(u / (data.robust * state.noise)))
+    group = 2 * (n_slot * pixel + end.astype(np.int64)) + (polarity > 0)
+    return Slotted(pixel, group, score, start, end, light)
+
+
+def slot_factors(pairs: Slotted, n_pixel: int) -> np.ndarray:
+    """Say by which factor (n_pixel,) float32 residuals that go together in slots raise a pixel's noise above that of most.
+
+    It is at least 1, and shrunk toward that where few slots have events.
+    """
+    if len(pairs.pixel) == 0:
+        return np.ones(n_pixel, np.float32)
+    group, first, number = np.unique(pairs.group, return_index=True, return_counts=True)
+    total = np.bincount(pairs.group, pairs.score)[group]
+    of_pixel = pairs.pixel[first]
+    n_group = pairs.n_group(n_pixel)
+    together = np.bincount(of_pixel, total**2 / number, minlength=n_pixel)
+    some = n_group > 0
+    most = max(np.median(together[some] / n_group[some]), SMALLEST_SQUARE)
+    ratio = (FEW_SLOTS + together / most) / (FEW_SLOTS + n_group)
+    return np.sqrt(np.maximum(ratio, 1)).astype(np.float32)
 
 
 def measured(data: Data, state: State) -> State:

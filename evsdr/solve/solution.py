@@ -65,6 +65,8 @@ class State:
         Standard deviation of the relative residual in most pixels.
     noise_factor : (n_pixel,) float32, optional
         How much larger it is in each pixel.
+    per_slot : (n_pixel,) float, optional
+        Events of a slot and polarity in which a pixel has any.
     softness : Float
         Of the horizon, of width 1 or n_pixel.
     curved : bool
@@ -84,6 +86,7 @@ class State:
     pairs: PairData | None = None
     noise: float = 0.5
     noise_factor: np.ndarray | None = None
+    per_slot: np.ndarray | None = None
     softness: object = None
     curved: bool = False
     covariance: np.ndarray | None = None

@@ -10,6 +10,9 @@ SMALLEST_SPREAD = 0.003  # of the logarithm over the pixels: less is one value f
 MOVING_SPREAD = 0.03  # the least of that until the mean is found: less would hold it
 LARGEST_VARIANCE = 0.25
 SAMPLE = 4000  # pixels that tell
+CURVED_SIGMA = (
+    20.0  # of what curvature does to a logarithm, beside itself; measured: -15 on balls and a bumpy mesh
+)
 LEAST_INFORMATION = 1e-2  # of a pixel: rounding can make it negative
 MEDIAN_OF_SQUARE = 0.455  # of a standard normal variable
 
@@ -20,12 +23,18 @@ def first_spread(Float: type, found: tuple | None = None) -> list:
 
 
 def learn_spread(
-    theta: list, gradient: list, matrix: list, spread: list, least: float = SMALLEST_SPREAD
+    theta: list,
+    gradient: list,
+    matrix: list,
+    spread: list,
+    curved: np.ndarray | None = None,
+    least: float = SMALLEST_SPREAD,
 ) -> list:
     """Learn mean and spread of the log thresholds over the pixels, from what the data alone say of each.
 
     Where the distribution pulls hard, what the data say shows in moves far smaller than those at which a descent ends. So
-    each pixel first makes the step that its gradient still asks for.
+    each pixel first makes the step that its gradient still asks for. Where a surface is curved within a pixel the model is
+    not right; what such pixels say is off by a share of the curvature, which is found with the mean.
 
     Parameters
     ----------
@@ -35,6 +44,8 @@ def learn_spread(
         Of each pixel's cost, and the lower triangle of its Gauss-Newton matrix, with the pull of `spread` in both.
     spread : list of Float
         The distribution so far.
+    curved : (n_pixel,) float, optional
+        How curved the surface is within each pixel: the square of `model.illumination.pixel_horizon`.
     least : float
         Smallest standard deviation.
     """
@@ -45,15 +56,19 @@ def learn_spread(
     covariance = np.linalg.inv(triangles.block(matrix, range(len(theta)), some))[:, -2:]
     off = gains - np.einsum("nij,nj->ni", covariance, slope) - centre
     posterior = covariance[:, :, -2:]
-    move, left = _mean(off, posterior, sigma)
+    curved = np.zeros(dr.width(theta[0])) if curved is None else np.broadcast_to(curved, dr.width(theta[0]))
+    move, left = _mean(off, posterior, sigma, curved[some])
     sigma = np.sqrt(_variance(off, posterior, sigma, least) + left)
     return [dr.opaque(type(theta[0]), float(v)) for v in (*(centre + move), *sigma)]
 
 
-def _mean(off: np.ndarray, posterior: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _mean(
+    off: np.ndarray, posterior: np.ndarray, sigma: np.ndarray, curved: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Give the mean (2,) of both logarithms, and its variances, from those of pixels (n, 2), posterior (n, 2, 2).
 
-    What the data say of both together is common to them: the contrast of a pixel.
+    What the data say of both together is common to them: the contrast of a pixel. Least squares with two means, and two
+    slopes by how `curved` (n,) pixels are.
     """
     before = np.linalg.inv(posterior)
     value, vector = np.linalg.eigh(before - np.diag(sigma**-2.0))
@@ -62,10 +77,13 @@ def _mean(off: np.ndarray, posterior: np.ndarray, sigma: np.ndarray) -> tuple[np
     variance = alone + np.diag(sigma**2)
     away = np.abs(alone_off - np.median(alone_off, axis=0))
     kept = (away < 3 * np.sqrt(np.einsum("nii->ni", variance))).all(axis=1)
-    weight = np.linalg.inv(variance[kept])
-    total = weight.sum(axis=0) + np.diag(np.square(FIRST_SIGMA) ** -1.0)  # a few pixels tell little
-    mean = np.linalg.solve(total, np.einsum("nij,nj->i", weight, alone_off[kept]))
-    return mean, np.diagonal(np.linalg.inv(total))
+    weight, curved = np.linalg.inv(variance[kept]), curved[kept]
+    powers = np.stack([np.ones_like(curved), curved, curved**2])[[[0, 1], [1, 2]]]
+    total = np.einsum("abn,nij->aibj", powers, weight).reshape(4, 4)
+    total += np.diag(np.concatenate([np.square(FIRST_SIGMA), [CURVED_SIGMA**2] * 2]) ** -1.0)
+    right = np.einsum("an,nij,nj->ai", powers[0], weight, alone_off[kept]).ravel()
+    covariance = np.linalg.inv(total)  # a few pixels tell little
+    return (covariance @ right)[:2], np.diagonal(covariance)[:2]
 
 
 def _variance(off: np.ndarray, posterior: np.ndarray, sigma: np.ndarray, least: float) -> np.ndarray:

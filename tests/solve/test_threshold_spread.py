@@ -78,6 +78,17 @@ def test_what_is_common_to_both_thresholds_is_found_at_once(rng):
     assert found[:2] == pytest.approx(mean, abs=0.01)
 
 
+def test_what_curved_pixels_say_does_not_move_the_mean(rng):
+    """Pixels whose data are off by a share of their curvature."""
+    curved = rng.uniform(0, 0.005, N)
+    hidden = np.array([0.04, -0.02]) - 15 * curved[:, None]
+    theta, gradient, matrix = pixels(rng, hidden, 0.0, 0.03)
+    given = theta, gradient, matrix, first_spread(mi.Float)
+    found = [float(v[0]) for v in learn_spread(*given, curved)]
+    assert found[:2] == pytest.approx([0.04, -0.02], abs=0.005)
+    assert float(learn_spread(*given)[0][0]) < 0.02
+
+
 def test_what_was_found_before_is_kept():
     told = (0.1, -0.2, 0.3, 0.4)
     assert [float(v[0]) for v in first_spread(mi.Float, told)] == pytest.approx(told)
