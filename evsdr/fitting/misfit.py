@@ -53,8 +53,8 @@ def places(pairs: Slotted, slot_leds: np.ndarray, n_led: int, mask: np.ndarray) 
         for j, horizontal in enumerate(COLUMNS):
             out[f"in the {vertical} {horizontal} of the object"] = (third[0] == i) & (third[1] == j)
     if len(span):
-        out["in the dark"] = pairs.light < np.quantile(pairs.light, END)
-        out["where light is slow"] = span > np.quantile(span, 1 - END)
+        out["in the dark"] = pairs.light <= np.quantile(pairs.light, END)
+        out["where light is slow"] = span >= np.quantile(span, 1 - END)
         out["in highlights"] = pairs.light > (1 - END) * brightest[pairs.pixel]
     return out
 

@@ -151,16 +151,18 @@ class Neighbours:
     ----------
     priors : Priors, optional
     terms : Terms
+    curved : bool
+        Whether surfaces may be curved within a pixel, see `curved_factors`.
     """
 
     priors: Priors | None = None
     terms: Terms = ALL_TERMS
+    curved: bool = True
     name: str = "neighbours"
 
     def __call__(self, data, state, progress):
-        noise = owned(
-            type(data.constant_light), state.noise * state.noise_factor * curved_factors(data, state)
-        )
+        factor = state.noise_factor * (curved_factors(data, state) if self.curved else 1)
+        noise = owned(type(data.constant_light), state.noise * factor)
         system = system_of(data, state, self.terms.loss(data), noise)
         n, cost = len(state.theta), state.terms[0]
         if self.priors is None:

@@ -118,7 +118,7 @@ def neighbours(effort: Effort) -> tuple[Stage, ...]:
 def know(effort: Effort) -> tuple[Stage, ...]:
     """Say how well the pixels are known, and let neighbours speak."""
     terms = last_terms(effort)
-    return PixelNoise(terms, effort.tuning.misfit), Neighbours(effort.priors, terms)
+    return PixelNoise(terms, effort.tuning.misfit), Neighbours(effort.priors, terms, effort.tuning.curved)
 
 
 def last_terms(effort: Effort) -> Terms:

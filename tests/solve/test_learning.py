@@ -6,14 +6,21 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.solve.unknowns import normal_sigma_deg
+from evsdr.model.lambert import LambertianRing
+from evsdr.solve import loop
+from evsdr.solve.learning import CURVED_LIGHT, curved_factors
+from evsdr.solve.recipes import Effort
+from evsdr.solve.stages import softness_at
+from evsdr.solve.tuning import Tuning
+from evsdr.solve.unknowns import normal_sigma_deg, to_theta
 from tests.support.sphere import errors, solve, sphere_problem
 
 
 def test_noise_is_measured_and_sigma_is_honest():
     """Angles relative to their sigma have a mean square of about 1: sigma is their root mean square."""
     problem, truth = sphere_problem(40, event_noise=0.1)
-    solution = solve(problem)
+    effort = Effort(priors=None, tuning=Tuning(curved=False))  # its light is that of one normal per pixel
+    solution = solve(problem, effort)
     assert solution.noise == pytest.approx(0.1, rel=0.1)
     angle, difference = errors(solution, truth)
     sigma = normal_sigma_deg(*solution.theta[:, :2].T.astype(float), solution.covariance[:, :2, :2])
@@ -57,3 +64,18 @@ def test_a_fixed_pattern_of_thresholds_is_found(rng):
     angle, _ = errors(solution, truth)
     ignorant, _ = errors(solve(unknown), truth)
     assert angle.mean() < 0.8 * ignorant.mean()
+
+
+def test_pixels_that_are_curved_count_as_noisier():
+    """By the events of a slot: what is wrong with its light is wrong in each round."""
+    problem, truth = sphere_problem(24, event_noise=0.1)
+    light = problem.illumination
+    data = loop.data_of(LambertianRing(light), problem.pairs, light.constant_light, problem.grid, 2.0)
+    theta = to_theta(truth[:, :3], truth[:, 3:], type(light.constant_light))
+    state = replace(loop.start_of(data, theta), noise=0.1, per_slot=np.full(problem.n_pixel, 6.0))
+    factor, softness = curved_factors(data, state), softness_at(data, theta).numpy()
+    np.testing.assert_allclose(factor**2, 1 + 6 * CURVED_LIGHT**2 * softness**2 / 0.01, rtol=1e-4)
+    rim = truth[:, 2] < 0.4
+    assert factor[rim].mean() > factor[~rim].mean() > 1
+    once = replace(state, per_slot=np.ones(problem.n_pixel))
+    assert (curved_factors(data, once) < factor).all()

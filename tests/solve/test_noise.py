@@ -1,9 +1,14 @@
 """How residuals scatter."""
 
+import drjit as dr
 import numpy as np
 import pytest
 
-from evsdr.solve.noise import IGNORED, Scatter, noise_factors
+from evsdr.model.lambert import LambertianRing
+from evsdr.solve import loop
+from evsdr.solve.noise import FEW_SLOTS, IGNORED, Scatter, Slotted, noise_factors, slot_factors, slotted
+from evsdr.solve.unknowns import first_theta
+from tests.support.sphere import sphere_problem
 
 
 def test_noise_of_most_pixels_does_not_see_hot_ones(rng):
@@ -23,3 +28,48 @@ def test_pixels_that_contradict_the_model_are_ignored():
     assert factor[4] == IGNORED
     few = Scatter(np.array([0]), np.array([8]), np.array([0.9]))
     assert noise_factors(few, 0.1, 1, 10)[0] < IGNORED
+
+
+def slots(rng, off):
+    """Six events in each of 20 slots of some pixels, whose residuals are off by `off` (n_pixel, 20)."""
+    n_pixel, n_slot = off.shape
+    pixel, slot, _ = (a.ravel() for a in np.mgrid[:n_pixel, :n_slot, :6])
+    score = 0.1 * rng.normal(size=len(pixel)) + off[pixel, slot]
+    return Slotted(pixel, n_slot * pixel + slot, score, *np.zeros((3, len(pixel))))
+
+
+def test_what_comes_again_in_a_slot_is_more_than_noise(rng):
+    """Where slots are off by s, n events of each are worth those of a noise of sqrt(1 + n s^2)."""
+    off = np.zeros((60, 20))
+    off[:20] = 0.1 * rng.normal(size=(20, 20))
+    pairs = slots(rng, off)
+    factor = slot_factors(pairs, 61)
+    inflated = np.sqrt((FEW_SLOTS + 20 * (1 + 6)) / (FEW_SLOTS + 20))
+    assert np.mean(factor[:20]) == pytest.approx(inflated, rel=0.15)
+    assert np.mean(factor[20:60]) < 1.15 and factor[60] == 1
+    shared = pairs.shared
+    assert np.mean(shared[pairs.pixel < 20]) == pytest.approx(0.01, rel=0.25)
+    assert abs(np.mean(shared[pairs.pixel >= 20])) < 5e-4
+    assert slot_factors(Slotted(*np.zeros((2, 0), int), *np.zeros((4, 0))), 3).tolist() == [1, 1, 1]
+
+
+def test_an_event_that_is_alone_in_its_slot_shares_nothing():
+    pairs = Slotted(np.zeros(3, int), np.array([0, 0, 1]), np.array([1.0, 2.0, 5.0]), *np.zeros((3, 3)))
+    np.testing.assert_allclose(pairs.shared, [2, 2, np.nan])
+    assert pairs.n_group(2).tolist() == [2, 0]
+
+
+def test_pairs_are_looked_at_with_their_slots_and_light():
+    problem, truth = sphere_problem(12, event_noise=0.1)
+    data = loop.data_of(
+        LambertianRing(problem.illumination),
+        problem.pairs,
+        problem.illumination.constant_light,
+        problem.grid,
+        2.0,
+    )
+    theta = first_theta(truth[:, :3], problem.illumination.n_band, False, type(data.constant_light))
+    pairs = slotted(data, loop.start_of(data, theta))
+    assert np.bincount(pairs.pixel, minlength=problem.n_pixel).max() <= 128
+    assert (pairs.light > float(data.constant_light[0])).all()
+    assert (pairs.end >= 0).all() and pairs.end.max() < dr.width(problem.pairs.slot_leds)
