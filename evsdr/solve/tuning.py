@@ -22,7 +22,7 @@ class Tuning:
     density, silence : bool
         Whether the density of event times, and silence, count in the last stages.
     curved : bool
-        Whether the horizon may be as soft as the surface is curved within a pixel.
+        Whether surfaces may be curved within a pixel, so that the horizon is soft and the light not quite the model's.
     misfit : float
         Noise of a pixel, relative to most, from which its events contradict the model and count for nothing.
     """

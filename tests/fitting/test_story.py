@@ -109,7 +109,7 @@ def test_what_leaves_few_pixels_explained_is_taken_back(given, place, monkeypatc
 
     monkeypatch.setattr(story.Decoder, "__call__", blind)
     monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: True)
-    settings = evsdr.Settings(gloss="off", limit_deg=1e-9)
+    settings = evsdr.Settings(gloss="off", shadows="off", limit_deg=1e-9)
     found = evsdr.fit(ring, recording, settings)
     assert "again" in purposes and purposes[-1] == "learn" and found.maps.mask.any()
     powers = found.decisions["LED powers"]

@@ -8,10 +8,13 @@ from evsdr.solve import grid as g
 from evsdr.solve.neighbours.posterior import Priors
 from evsdr.solve.noise import IGNORED
 from evsdr.solve.recipes import Effort
+from evsdr.solve.tuning import Tuning
 from evsdr.solve.unknowns import normal_sigma_deg
 from tests.support.sphere import ALONE, SPECTRUM, errors, solve, sphere_problem
 
-WITH_PRIORS = Effort()
+WITH_PRIORS = Effort(
+    tuning=Tuning(curved=False)
+)  # the light of these spheres is that of one normal per pixel
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +31,7 @@ def test_neighbours_halve_the_error_and_sigma_knows(noisy_sphere):
     assert np.sqrt(np.mean(difference**2)) < 0.5 * np.sqrt(np.mean(single_difference**2))
     sigma = normal_sigma_deg(*together.theta[:, :2].T.astype(float), together.covariance[:, :2, :2])
     inner = truth[:, 2] > 0.4
-    assert 0.65 < np.sqrt(np.mean((angle / sigma)[inner] ** 2)) < 1.4
+    assert 0.6 < np.sqrt(np.mean((angle / sigma)[inner] ** 2)) < 1.4
 
 
 @pytest.mark.parametrize(
