@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 N_SAMPLE = 600  # pixels that show how well each LED is explained
 # Measured on all scenes of the repository, an EVK4's events of which leave 0.04 to 0.07, LEDs at most 1.39
 NOISY = 0.12  # scatter of most pixels' residuals from which the set-up is in doubt
+KNOWN_NOISY = (
+    0.075  # the same of thresholds that are taken as told; told half or double they leave 0.09 and more
+)
 SUSPICIOUS = 1.4  # residual of an LED, relative to that of most, from which its light is in doubt
 N_WORST, N_MATE = 6, 4  # LEDs in doubt at most: by their own residuals, and as of the band of the worst
 # Measured: surfaces have a share of curl of 0.02 to 0.09, a ring turned by one LED of 24 0.09 to 0.2; but no turn lessens that
@@ -53,6 +56,8 @@ class Doubts:
         What the brightest tenth of the pixels exceed.
     dark : bool
         Whether no constant light is told.
+    known : bool
+        Whether thresholds are taken as told.
     """
 
     noise: float
@@ -63,11 +68,17 @@ class Doubts:
     shape: bool
     reflectance: float
     dark: bool = False
+    known: bool = False
 
     @property
     def events(self) -> bool:
         """Whether events are explained badly."""
         return self.noise > NOISY or bool(self.suspects)
+
+    @property
+    def thresholds(self) -> bool:
+        """Whether events are explained worse than thresholds that are as told do."""
+        return self.noise > (KNOWN_NOISY if self.known else NOISY)
 
     @property
     def bright(self) -> bool:
@@ -77,7 +88,7 @@ class Doubts:
     @property
     def any(self) -> bool:
         """Whether anything speaks."""
-        return self.events or self.curl or self.shape or self.dark or self.bright
+        return self.events or self.thresholds or self.curl or self.shape or self.dark or self.bright
 
 
 def doubts_of(world: "World", fitted: "Fitted") -> Doubts:
@@ -100,6 +111,7 @@ def doubts_of(world: "World", fitted: "Fitted") -> Doubts:
         shape=angle is not None and angle > SHAPE_DEG and least < LESS_DEG * angle,
         reflectance=float(np.percentile(brightest, 100 - BRIGHT_SHARE)) if len(brightest) else 0.0,
         dark=dark,
+        known=not world.thresholds,
     )
 
 

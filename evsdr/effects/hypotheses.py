@@ -196,9 +196,13 @@ def _in_us(world: "World", us: float) -> "World":
     return replace(world, recording=recording, hot=None)  # with other times it was for nothing
 
 
-def sensors(world: "World") -> Iterator[Hypothesis]:
-    """Polarities or thresholds are others."""
+def polarities() -> Iterator[Hypothesis]:
+    """ON stands for OFF."""
     yield Hypothesis("polarities are flipped", "write 1 - p for p in CD/events", _flipped)
+
+
+def thresholds(world: "World") -> Iterator[Hypothesis]:
+    """Those that are taken as told are others."""
     if not world.thresholds:
         yield Hypothesis(
             "contrast thresholds are not as told",

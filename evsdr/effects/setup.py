@@ -12,7 +12,17 @@ import numpy as np
 
 from evsdr.effects.doubts import NOISY, Doubts, doubts_of, known_shape
 from evsdr.effects.effect import Decision
-from evsdr.effects.hypotheses import Hypothesis, clocks, faults, images, orders, sensors, too_bright, veils
+from evsdr.effects.hypotheses import (
+    Hypothesis,
+    clocks,
+    faults,
+    images,
+    orders,
+    polarities,
+    thresholds,
+    too_bright,
+    veils,
+)
 from evsdr.effects.orientation import bends_of, turn_between
 from evsdr.effects.trials import Trial, chosen, try_all
 from evsdr.light.camera import camera_geometry
@@ -259,7 +269,9 @@ def numbers(world: "World", doubts: Doubts) -> Iterator[Hypothesis]:
     """List which numbers may be others."""
     if doubts.noise > NOISY:
         yield from clocks(world.recording)
-        yield from sensors(world)
+        yield from polarities()
+    if doubts.thresholds:
+        yield from thresholds(world)
     yield from veils(world)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from evsdr.effects.hypotheses import clocks, faults, images, orders, sensors, too_bright, veils
+from evsdr.effects.hypotheses import clocks, faults, images, orders, polarities, thresholds, too_bright, veils
 from evsdr.records import Events, Recording, Schedule, Sensor
 from tests.support.small_scene import camera, leds, scene
 from tests.support.worlds import load
@@ -110,10 +110,10 @@ def test_times_and_slots():
 
 
 def test_sensors():
-    flipped = named(sensors(world()), "polarities").mend(world()).recording
+    flipped = named(polarities(), "polarities").mend(world()).recording
     assert flipped.events.p.tolist() == [1, 0, 0, 1]
-    assert named(sensors(world()), "thresholds").mend(world()).thresholds
-    assert len(list(sensors(replace(world(), thresholds=True)))) == 1
+    assert named(thresholds(world()), "thresholds").mend(world()).thresholds
+    assert not list(thresholds(replace(world(), thresholds=True)))
 
 
 def test_constant_light(tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evsdr.effects.hypotheses import clocks, images, sensors
+from evsdr.effects.hypotheses import clocks, images, polarities
 from evsdr.effects.trials import Trial, cauchy, chosen, of_pixels, try_all
 from tests.support.setups import SIZE, fitted_alone, recorded, scene_of
 
@@ -25,7 +25,7 @@ def test_the_scale_that_fits_best(rng):
 def test_what_is_told_right_explains_most(given):
     world, fitted = given
     pixel = chosen(world, fitted, [])
-    listed = [*clocks(world.recording), *sensors(replace(world, thresholds=True))]
+    listed = [*clocks(world.recording), *polarities()]
     tried = {h: try_all(world, fitted, pixel, [h])[h] for h in (None, *listed) if not h or "ns" not in h.what}
     told = tried.pop(None)
     assert told.normal.shape == (len(pixel), 3) and told.gain is None
@@ -70,5 +70,5 @@ def test_under_which_nothing_pairs_is_left_out(given):
     world, fitted = given
     told = replace(world.recording.events, t=np.zeros_like(world.recording.events.t))
     silent = replace(world, recording=replace(world.recording, events=told))
-    tried = try_all(silent, fitted, chosen(silent, fitted, []), [None, *sensors(silent)])
+    tried = try_all(silent, fitted, chosen(silent, fitted, []), [None, *polarities()])
     assert list(tried) == [None] and tried[None].lost == 1 and tried[None].scale == pytest.approx(1, rel=0.1)
