@@ -163,7 +163,8 @@ class Neighbours:
     def __call__(self, data, state, progress):
         factor = state.noise_factor * (curved_factors(data, state) if self.curved else 1)
         noise = owned(type(data.constant_light), state.noise * factor)
-        system = system_of(data, state, self.terms.loss(data), noise)
+        weak = 1.0 if self.priors is None else 1 / dr.width(noise)  # one surface has one, not each pixel
+        system = system_of(data, state, self.terms.loss(data), noise, weak)
         n, cost = len(state.theta), state.terms[0]
         if self.priors is None:
             matrix = split(evaluate(system, state.theta), n)[1]

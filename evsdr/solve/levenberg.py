@@ -30,12 +30,8 @@ def evaluate(system: PixelSystem, theta: list) -> list:
 
 def _terms(system: PixelSystem, theta: list) -> list:
     cost, gradient, matrix = pixel_terms(system, theta)
-    for i, (t, centre, sigma) in enumerate(zip(theta, *system.unknowns.prior(system.spread))):
-        z = (t - centre) / sigma
-        cost += 0.5 * dr.square(z)
-        gradient[i] += z / sigma
-        matrix[triangles.place(i, i)] += 1.0 / (sigma * sigma)
-    return [cost, *gradient, *matrix]
+    more = system.unknowns.prior(theta, system.spread, system.weak)
+    return [cost + more[0], *(a + b for a, b in zip(gradient, more[1])), *triangles.added(matrix, more[2])]
 
 
 @recorded

@@ -30,6 +30,8 @@ class PixelSystem:
     unknowns : Unknowns
     room : Float
         See `pair_data.room_for`.
+    weak : Float
+        How much the weak priors of a pixel count, of width 1.
     """
 
     model: object
@@ -41,9 +43,10 @@ class PixelSystem:
     loss: Loss
     unknowns: Unknowns
     room: object
+    weak: object
 
 
-def system_of(data: Data, state: State, loss: Loss, noise=None) -> PixelSystem:
+def system_of(data: Data, state: State, loss: Loss, noise=None, weak: float = 1.0) -> PixelSystem:
     """Collect the system of a state; noise as told, or that of most pixels."""
     Float = type(data.constant_light)
     noise = dr.opaque(Float, state.noise) if noise is None else noise
@@ -57,4 +60,5 @@ def system_of(data: Data, state: State, loss: Loss, noise=None) -> PixelSystem:
         loss,
         data.unknowns(state.theta),
         data.room,
+        dr.opaque(Float, weak),
     )

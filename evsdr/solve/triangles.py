@@ -85,6 +85,11 @@ def color(lower: list, pivot: list, white: list) -> list:
     return [scaled[i] + sum(lower[i][k] * scaled[k] for k in range(i)) for i in range(len(white))]
 
 
+def added(a: list, b: list) -> list:
+    """Give the sum of two matrices."""
+    return [x + y for x, y in zip(a, b)]
+
+
 def place(i: int, j: int) -> int:
     """Place of entry (i, j) in a lower triangle."""
     return max(i, j) * (max(i, j) + 1) // 2 + min(i, j)

@@ -13,7 +13,9 @@ from evsdr.model.arrays import columns, owned
 from evsdr.solve.grid import nearest
 
 SLOPE_SIGMA = 5.0  # weak prior: a slope of 5 is a surface seen at 79 degrees
-REFLECTANCE_CENTRE, LOG_REFLECTANCE_SIGMA = 0.25, 2.0  # weak prior: 0.03 .. 2 within one sigma
+REFLECTANCE_CENTRE = 0.25
+# Weak prior of log reflectances, of what all bands have in common and of each: 0.03 .. 2 within one sigma
+LOG_COMMON_SIGMA, LOG_COLOUR_SIGMA = 1.3, 1.5
 LARGEST_STEP = (1.0, 2.0)  # of a slope, of a logarithm
 LARGEST_SLOPE, LOG_REFLECTANCE_RANGE = 30.0, (-9.0, 1.5)
 SLOPES = slice(0, 2)
@@ -51,17 +53,32 @@ class Unknowns:
         """Give the factors on C_on and C_off; None where thresholds are known."""
         return [dr.exp(t) for t in theta[self.n_map :]] if self.thresholds else None
 
-    def prior(self, spread: list) -> tuple[list, list]:
-        """Give centre and standard deviation of each unknown's weak prior.
+    def prior(self, theta: list, spread: list, weak) -> tuple:
+        """Give what is known before any event: cost, gradient, and lower triangle of the matrix.
 
         Parameters
         ----------
+        theta : list of Float
+            Unknowns.
         spread : list of Float
-            Two centres and two standard deviations of the logarithms of the factors; empty if thresholds are known.
+            Two centres and two standard deviations of the logarithms of the thresholds' factors; empty if those are known.
+        weak : Float
+            How much the priors of slopes and reflectances count.
         """
-        centre = [0.0] * 2 + [float(np.log(REFLECTANCE_CENTRE))] * self.n_band
-        sigma = [SLOPE_SIGMA] * 2 + [LOG_REFLECTANCE_SIGMA] * self.n_band
-        return centre + spread[:2], sigma + spread[2:]
+        first, (middle, precision) = self.n_map, weak_prior(self.n_band)
+        off = [t - c for t, c in zip(theta, middle.tolist())]
+        entries = {(i, j): weak * p for (i, j), p in np.ndenumerate(precision) if p and j <= i}
+        pull = [0.0] * first
+        for (i, j), p in entries.items():
+            pull[i] += p * off[j]
+            if i != j:
+                pull[j] += p * off[i]
+        cost = 0.5 * sum(a * b for a, b in zip(pull, off))
+        for i, (t, centre, sigma) in enumerate(zip(theta[first:], spread[:2], spread[2:]), first):
+            entries[i, i] = dr.rcp(sigma * sigma)
+            pull.append((t - centre) * entries[i, i])
+            cost += 0.5 * (t - centre) * pull[i]
+        return cost, pull, [entries.get((i, j), 0.0) for i in range(self.number) for j in range(i + 1)]
 
     @staticmethod
     def moved(theta: list, move: list) -> list:
@@ -72,6 +89,14 @@ class Unknowns:
             low, high = (-LARGEST_SLOPE, LARGEST_SLOPE) if i < 2 else LOG_REFLECTANCE_RANGE
             out.append(dr.clip(t + dr.clip(m, -longest, longest), low, high))
         return out
+
+
+def weak_prior(n_band: int) -> tuple[np.ndarray, np.ndarray]:
+    """Give centre (2 + n_band) and precision (2 + n_band, 2 + n_band) of what is known of slopes and log reflectances."""
+    centre = np.repeat((0.0, np.log(REFLECTANCE_CENTRE)), (2, n_band))
+    covariance = np.diag(np.repeat((SLOPE_SIGMA**2, LOG_COLOUR_SIGMA**2), (2, n_band)))
+    covariance[2:, 2:] += LOG_COMMON_SIGMA**2
+    return centre, np.linalg.inv(covariance)
 
 
 def to_theta(normal: np.ndarray, reflectance: np.ndarray, Float: type) -> list:

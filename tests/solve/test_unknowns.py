@@ -7,12 +7,17 @@ import numpy as np
 from evsdr.solve.unknowns import (
     LARGEST_SLOPE,
     LARGEST_STEP,
+    LOG_COLOUR_SIGMA,
+    LOG_COMMON_SIGMA,
     LOG_REFLECTANCE_RANGE,
+    REFLECTANCE_CENTRE,
+    SLOPE_SIGMA,
     Unknowns,
     fill,
     first_theta,
     to_normal,
     to_theta,
+    weak_prior,
 )
 
 
@@ -51,3 +56,27 @@ def test_pixels_take_after_the_nearest_good_one():
     (filled,) = fill([value], np.array([1, 0, 0, 0, 1], bool), mask)
     np.testing.assert_array_equal(filled, [1, 1, 1, 5, 5])
     assert fill([value], np.zeros(5, bool), mask)[0] is value
+
+
+def test_what_is_known_before_any_event_is_a_gaussian(rng):
+    """Cost, gradient and matrix against dense ones: all bands share a scale, each has a colour."""
+    n_band, n_pixel = 3, 5
+    theta = rng.normal(-0.5, 1, (n_pixel, 2 + n_band + 2))
+    covariance = np.zeros((7, 7))
+    covariance[:2, :2] = SLOPE_SIGMA**2 * np.eye(2)
+    covariance[2:5, 2:5] = LOG_COMMON_SIGMA**2 + LOG_COLOUR_SIGMA**2 * np.eye(n_band)
+    covariance[5:, 5:] = np.diag([0.2**2, 0.1**2])
+    centre = np.array([0, 0, *[np.log(REFLECTANCE_CENTRE)] * n_band, 0.05, -0.02])
+    weight = np.repeat((0.5, 1.0), (5, 2))
+    precision = np.linalg.inv(covariance) * np.sqrt(np.outer(weight, weight))
+    spread = [mi.Float(v) for v in (0.05, -0.02, 0.2, 0.1)]
+    arrays = [mi.Float(column) for column in theta.T]
+    cost, gradient, matrix = Unknowns(n_band, True).prior(arrays, spread, mi.Float(0.5))
+    off = theta - centre
+    np.testing.assert_allclose(cost.numpy(), 0.5 * np.einsum("ni,ij,nj->n", off, precision, off), rtol=1e-4)
+    np.testing.assert_allclose(
+        np.stack([g.numpy() for g in gradient], -1), off @ precision, rtol=1e-3, atol=1e-4
+    )
+    entries = [np.broadcast_to(v if isinstance(v, float) else v.numpy(), 1)[0] for v in matrix]
+    np.testing.assert_allclose(entries, precision[np.tril_indices(7)], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(weak_prior(n_band)[1], np.linalg.inv(covariance)[:5, :5], atol=1e-9)

@@ -12,7 +12,6 @@ import numpy as np
 
 from evsdr.solve import triangles
 from evsdr.solve.grid import AROUND_P, AROUND_Q, SECOND_X, SECOND_Y, SQUARE_MEAN, Links, Stencil
-from evsdr.solve.neighbours.student import FREEDOM
 
 
 @dataclass(frozen=True)
@@ -179,10 +178,11 @@ def multiply(matrix: list[list], z: list) -> list:
     return [sum(m * value for m, value in zip(row, z)) for row in matrix]
 
 
-def edge_weights(learnt: Learnt, theta: list, inverse: list, links: Links) -> list:
+def edge_weights(learnt: Learnt, theta: list, inverse: list, links: Links, freedom) -> list:
     """Give the weight of Student's t for each direction, times the squared factor; 0 where there is no difference.
 
-    By expectation maximisation: the square of z counts with its variance.
+    By expectation maximisation: the square of z counts with its variance. `freedom` is that of Student's t: the smaller,
+    the less an outlier counts.
     """
     prior = learnt.prior
     covariance, factor = prior.covariance(theta, inverse), prior.factor(theta, links)
@@ -196,7 +196,7 @@ def edge_weights(learnt: Learnt, theta: list, inverse: list, links: Links) -> li
         dr.eval(summed)
         around = sum(Stencil(dict(key)).apply(links, value) for key, value in summed.items())
         distance = dr.square(factor) * (quadratic(learnt.precision, z) + around)
-        weight = dr.square(factor) * (FREEDOM + prior.size) / (FREEDOM + distance)
+        weight = dr.square(factor) * (freedom + prior.size) / (freedom + distance)
         out.append(dr.select(valid, weight, 0.0))
     dr.eval(out)
     return out

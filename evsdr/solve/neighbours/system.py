@@ -9,10 +9,11 @@ from evsdr.frozen import recorded
 from evsdr.model.arrays import owned
 from evsdr.solve import triangles
 from evsdr.solve.grid import Links
-from evsdr.solve.neighbours.priors import Form, Learnt, edge_weights, quadratic
+from evsdr.solve.neighbours.priors import Form, Learnt, edge_weights, multiply, quadratic
 from evsdr.solve.neighbours.spectra import LearntSpectra
 from evsdr.solve.neighbours.student import FREEDOM
 
+SMALLEST_MULTIPLE = 1e-3  # of a spectrum that may be compared with the mean
 TOLERANCE, MOST_STEPS, LOOK = 0.01, 100, 5  # of the conjugate gradients; steps between two looks
 
 
@@ -37,16 +38,19 @@ class JointSystem:
 
 
 @recorded
-def weigh(learnt: list[Learnt], theta: list, inverse: list, links: Links) -> list[Form]:
+def weigh(learnt: list[Learnt], theta: list, inverse: list, links: Links, freedom) -> list[Form]:
     """Give the quadratic forms of priors around some unknowns.
 
     Parameters
     ----------
     inverse : list of Float
         Lower triangle of the covariance of each pixel's unknowns.
+    freedom : Float
+        Of Student's t: the smaller, the less an outlier counts.
     """
     return [
-        Form(each, edge_weights(each, theta, inverse, links), each.prior.jacobian(theta)) for each in learnt
+        Form(each, edge_weights(each, theta, inverse, links, freedom), each.prior.jacobian(theta))
+        for each in learnt
     ]
 
 
@@ -70,20 +74,29 @@ def make_system(forms: list[Form], matrix: list, damping, links: Links):
 
 @recorded
 def add_spectra(spectra: LearntSpectra, theta: list, gradient: list, matrix: list, inverse: list):
-    """Add the prior on spectra to gradient and matrix."""
+    """Add the prior on spectra to gradient and matrix.
+
+    It speaks of colours, of the multiple of a spectrum that is nearest to the mean: how bright a pixel is in all, is free.
+    Pixels of one surface are not so many draws of that.
+    """
     gradient, matrix, n_band = list(gradient), list(matrix), len(spectra.mean)
     r = [dr.exp(t) for t in theta[2 : 2 + n_band]]
-    off = [value - mean for value, mean in zip(r, spectra.mean)]
+    along = multiply(spectra.precision, r)
+    length = sum(a * value for a, value in zip(along, r))
+    nearest = dr.maximum(sum(a * mean for a, mean in zip(along, spectra.mean)) / length, SMALLEST_MULTIPLE)
+    precision = [
+        [dr.square(nearest) * (p - along[i] * along[j] / length) * r[i] * r[j] for j, p in enumerate(row)]
+        for i, row in enumerate(spectra.precision)
+    ]
+    off = [-mean / (nearest * value) for value, mean in zip(r, spectra.mean)]
     noise = triangles.rows(inverse, range(2, 2 + n_band))
-    spread = sum(
-        p * noise[i][j] * r[i] * r[j] for i, row in enumerate(spectra.precision) for j, p in enumerate(row)
-    )
-    weight = (FREEDOM + n_band) / (FREEDOM + quadratic(spectra.precision, off) + spread)
-    for i, row in enumerate(spectra.precision):
-        gradient[2 + i] = gradient[2 + i] + weight * r[i] * sum(p * o for p, o in zip(row, off))
+    spread = sum(p * noise[i][j] for i, row in enumerate(precision) for j, p in enumerate(row))
+    weight = (FREEDOM + n_band) / (FREEDOM + quadratic(precision, off) + spread)
+    for i, row in enumerate(precision):
+        gradient[2 + i] = gradient[2 + i] + weight * sum(p * o for p, o in zip(row, off))
         for j in range(i + 1):
             at = triangles.place(2 + i, 2 + j)
-            matrix[at] = matrix[at] + weight * row[j] * r[i] * r[j]
+            matrix[at] = matrix[at] + weight * row[j]
     return gradient, matrix
 
 

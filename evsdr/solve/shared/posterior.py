@@ -18,9 +18,7 @@ from evsdr.solve.unknowns import (
     LARGEST_SLOPE,
     LARGEST_STEP,
     LOG_REFLECTANCE_RANGE,
-    LOG_REFLECTANCE_SIGMA,
-    REFLECTANCE_CENTRE,
-    SLOPE_SIGMA,
+    weak_prior,
 )
 
 AGREES = 3.5  # standard deviations of a pixel's misfit from that of most, within which it is heard
@@ -134,13 +132,11 @@ class Posterior:
         """Add the weak priors of the maps, and the distribution of thresholds over the pixels."""
         n_map, n = self.n_map, point.theta.shape[1]
         cost, gradient, matrix = point.cost, point.gradient, point.matrix
-        sigma = np.repeat((SLOPE_SIGMA, LOG_REFLECTANCE_SIGMA), (2, n_map - 2))
-        centre = np.repeat((0.0, np.log(REFLECTANCE_CENTRE)), (2, n_map - 2))
-        off = (point.theta[:, :n_map] - centre) / sigma
-        cost += 0.5 * np.sum(off**2, axis=1)
-        gradient[:, :n_map] += off / sigma
-        some = np.arange(n_map)
-        matrix[:, some, some] += sigma**-2
+        centre, precision = weak_prior(n_map - 2)
+        off = point.theta[:, :n_map] - centre
+        cost += 0.5 * np.einsum("ni,ij,nj->n", off, precision, off)
+        gradient[:, :n_map] += off @ precision
+        matrix[:, :n_map, :n_map] += precision
         if self.own_thresholds:
             off = (point.theta[:, n_map:] - rig.log_threshold) / self.spread
             cost += 0.5 * np.sum(off**2, axis=1)

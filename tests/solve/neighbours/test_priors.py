@@ -66,7 +66,7 @@ def test_edges_weigh_little(prior, rng):
     root = rng.normal(size=(prior.size, prior.size))
     spread = root @ root.T + np.eye(prior.size)
     exact = [owned(mi.Float, np.zeros(MASK.sum())) for _ in range(N * (N + 1) // 2)]
-    found = edge_weights(Learnt.of(prior, spread, mi.Float), arrays, exact, links)
+    found = edge_weights(Learnt.of(prior, spread, mi.Float), arrays, exact, links, mi.Float(FREEDOM))
     q = theta[prior.first : prior.last]
     q = to_normal(theta.T)[:, :2].T if prior.of_normal else q
     flat = numpy(prior.factor(arrays, links)) if prior.flattened else 1.0
@@ -83,6 +83,9 @@ def test_noise_of_pixels_lowers_the_weights(rng):
     variance = np.zeros((N, N))
     variance[range(2, N), range(2, N)] = 0.1
     inverse = [owned(mi.Float, np.full(MASK.sum(), v)) for v in variance[np.tril_indices(N)]]
-    (weight, _) = edge_weights(Learnt.of(prior, np.eye(N_BAND), mi.Float), theta, inverse, links)
+    learnt = Learnt.of(prior, np.eye(N_BAND), mi.Float)
+    (weight, _) = edge_weights(learnt, theta, inverse, links, mi.Float(FREEDOM))
     there = prior.valid(links)[0].numpy()
     assert weight.numpy()[there] == pytest.approx((FREEDOM + 3) / (FREEDOM + 6 * 3 * 0.1), rel=1e-4)
+    (weight, _) = edge_weights(learnt, theta, inverse, links, mi.Float(1e6))
+    assert weight.numpy()[there] == pytest.approx(1, rel=1e-4)  # nothing is an edge

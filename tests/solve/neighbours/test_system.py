@@ -8,7 +8,16 @@ import pytest
 from evsdr.model.arrays import owned
 from evsdr.solve import grid as g
 from evsdr.solve.neighbours.priors import Form, Learnt, integrable, smooth_normals, smooth_reflectance
-from evsdr.solve.neighbours.system import JointSystem, draw, make_system, right_side, solve
+from evsdr.solve.neighbours.spectra import Spectra
+from evsdr.solve.neighbours.student import FREEDOM
+from evsdr.solve.neighbours.system import (
+    JointSystem,
+    add_spectra,
+    draw,
+    make_system,
+    right_side,
+    solve,
+)
 from tests.support.stencil_matrix import MASK, matrix_of
 
 N_BAND = 3
@@ -118,3 +127,29 @@ def test_the_right_side_holds_the_pull_of_the_priors(rng):
         change = rng.normal(size=theta.shape)
         numeric = (cost(theta + 1e-4 * change) - cost(theta - 1e-4 * change)) / 2e-4
         assert np.sum(-found * change) == pytest.approx(numeric, rel=1e-3)
+
+
+def test_spectra_tell_the_colour_and_not_the_scale(rng):
+    """What they add is the cost of the nearest multiple of a spectrum: a change of scale costs nothing."""
+    n_pixel, root = 4, rng.normal(size=(N_BAND, N_BAND))
+    spectra = Spectra(rng.uniform(0.2, 0.6, N_BAND), root @ root.T + np.eye(N_BAND), 1)
+    theta = rng.normal(-1, 0.3, (N, n_pixel))
+    nothing = [arrays(np.zeros((k, n_pixel))) for k in (N, N * (N + 1) // 2)]
+    exact = arrays(np.zeros((N * (N + 1) // 2, n_pixel)))
+    gradient, matrix = add_spectra(spectra.arrays(mi.Float), arrays(theta), *nothing, exact)
+    gradient = np.array([v.numpy() for v in gradient])
+    np.testing.assert_allclose(gradient[2:].sum(axis=0), 0, atol=1e-4)
+    assert not gradient[:2].any()
+
+    def cost(log_r):
+        r = np.exp(log_r)
+        k = r @ spectra.precision @ spectra.mean / (r @ spectra.precision @ r)
+        off = k * r - spectra.mean
+        return off @ spectra.precision @ off
+
+    for i in range(n_pixel):
+        weight = (FREEDOM + N_BAND) / (FREEDOM + cost(theta[2:, i]))
+        for j in range(N_BAND):
+            step = 1e-4 * np.eye(N_BAND)[j]
+            numeric = (cost(theta[2:, i] + step) - cost(theta[2:, i] - step)) / 2e-4
+            assert gradient[2 + j, i] == pytest.approx(0.5 * weight * numeric, rel=1e-2, abs=1e-3)
