@@ -9,7 +9,7 @@ from evsdr.model.arrays import owned
 from evsdr.solve import triangles
 from evsdr.solve.levenberg import descended, evaluate, split
 from evsdr.solve.neighbours.posterior import Priors, find_posterior
-from evsdr.solve.noise import IGNORED, measured, noise_factors, scatter_of, slot_factors, slotted
+from evsdr.solve.noise import IGNORED, NOISE_RANGE, measured, noise_factors, scatter_of, slot_factors, slotted
 from evsdr.solve.pair_data import without
 from evsdr.solve.solution import Data, State
 from evsdr.solve.stages import ALL_TERMS, Terms, silent, softness_at
@@ -107,8 +107,11 @@ def curved_factors(data: Data, state: State) -> np.ndarray:
 
     Of the light of LEDs near the horizon the model is off by about the horizon's softness, and by as much in each round:
     for n events of a slot that noise of the variance s^2 shows through as s^2 / n, an error e of them all is noise of the
-    variance s^2 + n e^2. What it does to the maps, their own matrix tells.
+    variance s^2 + n e^2. What it does to the maps, their own matrix tells. Where residuals are as small as can be, pixels
+    have no more events than unknowns, and the noise is not known: it stays.
     """
+    if state.noise <= NOISE_RANGE[0]:
+        return np.ones(len(state.per_slot), np.float32)
     wrong = CURVED_LIGHT**2 * curvature(data, state.theta)
     return np.sqrt(1 + state.per_slot * wrong / state.noise**2).astype(np.float32)
 
@@ -135,7 +138,8 @@ class PixelNoise:
         factor, slots = np.ones(n_pixel, np.float32), slotted(data, state)
         if self.misfit:
             factor = noise_factors(scatter, state.noise, n_pixel, len(state.theta), self.misfit)
-            factor = np.maximum(factor, slot_factors(slots, n_pixel))
+            if state.noise > NOISE_RANGE[0]:
+                factor = np.maximum(factor, slot_factors(slots, n_pixel))
         pairs = state.pairs
         if (factor == IGNORED).any():
             pairs = without(pairs, factor == IGNORED)

@@ -67,7 +67,7 @@ def test_without_triggers(commands):
     replace(commands.folder, "EXT_TRIGGER/events", None)
     without, summary = commands.results(out="without")
     assert summary["warnings"] == []
-    np.testing.assert_allclose(without["normal"], with_triggers["normal"], atol=5e-3)
+    np.testing.assert_allclose(without["normal"], with_triggers["normal"], atol=0.02)
 
 
 def test_two_leds_of_one_band(commands):

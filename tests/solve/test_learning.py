@@ -9,6 +9,7 @@ import pytest
 from evsdr.model.lambert import LambertianRing
 from evsdr.solve import loop
 from evsdr.solve.learning import CURVED_LIGHT, curved_factors
+from evsdr.solve.noise import NOISE_RANGE
 from evsdr.solve.recipes import Effort
 from evsdr.solve.stages import softness_at
 from evsdr.solve.tuning import Tuning
@@ -79,3 +80,5 @@ def test_pixels_that_are_curved_count_as_noisier():
     assert factor[rim].mean() > factor[~rim].mean() > 1
     once = replace(state, per_slot=np.ones(problem.n_pixel))
     assert (curved_factors(data, once) < factor).all()
+    unknown = replace(state, noise=NOISE_RANGE[0])
+    assert (curved_factors(data, unknown) == 1).all()
