@@ -101,7 +101,7 @@ def doubts_of(world: "World", fitted: "Fitted") -> Doubts:
     curl = bends.n >= LEAST_PLACES and share > CURL and bends.least_curl() < LESS_CURL * share
     angle, least = shape_angles(world, fitted)
     dark = world.ring.constant_light == 0
-    brightest = maps.reflectance.max(axis=-1)[maps.mask & (not dark)]
+    brightest = (maps.reflectance - 3 * maps.reflectance_sigma).max(axis=-1)[maps.mask & (not dark)]
     return Doubts(
         noise=solution.noise,
         suspects=suspects(residual, problem.illumination.band),

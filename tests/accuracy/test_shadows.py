@@ -115,7 +115,7 @@ def test_a_forgotten_pole_is_found(recorded, tmp_path):
     off, _ = run(folder, tmp_path, text, "--shadows", "off", *mask)
     auto, _ = run(folder, tmp_path, text, *mask)
     assert auto["model"]["cast shadows"].startswith("found: ")
-    assert auto["mae_deg"] < 0.6 * off["mae_deg"]
+    assert auto["mae_deg"] < 0.7 * off["mae_deg"]
 
 
 def test_surface_is_written(recorded, tmp_path):

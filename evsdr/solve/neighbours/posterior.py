@@ -208,9 +208,9 @@ def _chosen(priors: Priors, unknowns: Unknowns) -> list[Prior]:
 @recorded
 def _move(theta: list, step: list, right: list):
     """Limit a step; gives it, where it leads, and what the posterior should gain by it."""
-    move = [dr.clip(s, -LARGEST_MOVE, LARGEST_MOVE) for s in step]
-    gain = dr.sum(0.5 * sum(m * r for m, r in zip(move, right)))
-    return move, [t + m for t, m in zip(theta, move)], gain
+    trial = Unknowns.moved(theta, [dr.clip(s, -LARGEST_MOVE, LARGEST_MOVE) for s in step])
+    move = [new - old for new, old in zip(trial, theta)]
+    return move, trial, dr.sum(0.5 * sum(m * r for m, r in zip(move, right)))
 
 
 def _where_events_agree(now: Climb, first: Climb) -> Climb:
