@@ -112,6 +112,8 @@ class Maps:
         One standard deviation; 1 where nothing is known.
     band_wavelength_nm : (n_band,) float32
         Centroid of each band [nm].
+    mask_reflectance : (H, W) bool
+        Pixels whose scale, what all bands have in common, rests on information; as `mask` by default.
     """
 
     normal: np.ndarray
@@ -120,6 +122,11 @@ class Maps:
     normal_sigma_deg: np.ndarray
     reflectance_sigma: np.ndarray
     band_wavelength_nm: np.ndarray
+    mask_reflectance: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        if self.mask_reflectance is None:
+            object.__setattr__(self, "mask_reflectance", self.mask)
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,7 @@ def summarise(world: World, settings: Settings, fitted: Fitted, notes: dict) -> 
             "pairs_dropped": pairs.n_dropped,
             "pixels_solved": fitted.problem.n_pixel,
             "pixels_known": int(np.count_nonzero(fitted.maps.mask)),
+            "pixels_of_known_scale": int(np.count_nonzero(fitted.maps.mask_reflectance)),
             "steps": solution.n_step,
         },
         "sensor": threshold_summary(world.recording, fitted) | found,

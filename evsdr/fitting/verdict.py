@@ -16,6 +16,7 @@ WRONG_THRESHOLD = 0.1  # of its logarithm, from which a told threshold is worth 
 CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for nothing
 CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are worth a warning
 MENDED_MISFIT = 0.25  # `MISFIT` after LEDs were put right: what remains was not theirs
+UNSCALED = 0.02  # of the known pixels, from which scales that are not known are worth a warning
 FEW_KNOWN = 0.5  # of the pixels that fire; guessed
 
 
@@ -75,13 +76,19 @@ def contradictions_of(world: World, fitted: Fitted) -> Iterator[str]:
 
 
 def ignorance(world: World, fitted: Fitted) -> Iterator[str]:
-    """Say that few pixels are known."""
-    source, known = world.recording.source, np.count_nonzero(fitted.maps.mask)
+    """Say that few pixels are known, or few scales."""
+    source, maps = world.recording.source, fitted.maps
+    known, scaled = np.count_nonzero(maps.mask), np.count_nonzero(maps.mask_reflectance)
     fired = np.count_nonzero(fitted.problem.fired)
     if not known:
         yield f"{source}: no pixel is known; record more rounds, or with less constant light."
     elif known < FEW_KNOWN * fired:
         yield f"{source}: only {known / fired:.0%} of the pixels that fire are known; record more rounds."
+    if world.ring.constant_light > 0 and scaled < (1 - UNSCALED) * known:
+        yield (
+            f"{source}: {1 - scaled / known:.0%} of the known pixels can't tell their scale, see mask_reflectance: "
+            "put a dark slot (-1 in schedule/order) before every third LED."
+        )
 
 
 def doubts_of(world: World, fitted: Fitted) -> Iterator[str]:

@@ -21,7 +21,15 @@ def maps(rng):
         normal_sigma_deg=rng.random((3, 4), np.float32),
         reflectance_sigma=rng.random((3, 4, 2), np.float32),
         band_wavelength_nm=np.float32([450, 620]),
+        mask_reflectance=rng.random((3, 4)) > 0.5,
     )
+
+
+def test_files_without_known_scales_are_read(maps, tmp_path):
+    """Those of older versions: what is known of normals is taken for both."""
+    arrays = {name: array for name, array in vars(maps).items() if name != "mask_reflectance"}
+    np.savez(tmp_path / "maps.npz", **arrays)
+    np.testing.assert_array_equal(read_maps(tmp_path / "maps.npz").mask_reflectance, maps.mask)
 
 
 def test_what_a_fit_writes_comes_back(maps, tmp_path):

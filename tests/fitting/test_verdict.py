@@ -25,7 +25,7 @@ def test_nothing_to_warn_of():
 
 
 def test_an_unknown_scale_is_told_but_no_doubt():
-    assert said("^a.xml: constant_light is 0", world(constant_light=0), fitted()) == TRUSTWORTHY
+    assert said("^a.xml: constant_light is 0", world(constant_light=0), fitted(scaled=0)) == TRUSTWORTHY
 
 
 @pytest.mark.parametrize(
@@ -36,6 +36,7 @@ def test_an_unknown_scale_is_told_but_no_doubt():
         ({}, {"gain": np.full((N, 2), [1.0, 1.2])}, "contrast_threshold_off is told as 0.3 .* say 0.36"),
         ({}, {"known": 0}, "^b.h5: no pixel is known"),
         ({}, {"known": 40}, "^b.h5: only 40% of the pixels that fire are known"),
+        ({}, {"scaled": 75}, "^b.h5: 25% of the known pixels can't tell their scale.*: put a dark slot"),
         ({"decisions": {"wiring": MENDED}}, {}, "^b.h5: LED 5 gives no light.$"),
     ],
 )

@@ -10,8 +10,8 @@ from evsdr.records import Schedule, Sensor
 N = 100
 
 
-def fitted(gain=None, noise=0.1, noisy=0, known=N):
-    """A fit; the first of its pixels are so noisy that they count for nothing, and only some are known."""
+def fitted(gain=None, noise=0.1, noisy=0, known=N, scaled=N):
+    """A fit; the first of its pixels are so noisy that they count for nothing, and only some, or their scales, are known."""
     factor = np.ones(N)
     factor[:noisy] = 2 * verdict.CONTRARY
     solution = SimpleNamespace(
@@ -21,7 +21,8 @@ def fitted(gain=None, noise=0.1, noisy=0, known=N):
         threshold_gain_sigma=None if gain is None else np.full((N, 2), 0.02),
         prior_scale={"rank": 3},
     )
-    maps = SimpleNamespace(mask=(np.arange(N) < known).reshape(10, 10))
+    mask, mask_reflectance = ((np.arange(N) < n).reshape(10, 10) for n in (known, min(known, scaled)))
+    maps = SimpleNamespace(mask=mask, mask_reflectance=mask_reflectance)
     problem = SimpleNamespace(pixel=np.arange(N), n_pixel=N, fired=np.ones(N, bool))
     return SimpleNamespace(solution=solution, maps=maps, problem=problem)
 
