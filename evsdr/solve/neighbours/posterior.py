@@ -8,10 +8,9 @@
 - spectra: colours lie near few directions, see `spectra`.
 
 Gauss-Newton steps on all pixels together find the largest posterior, first without edges; each is solved by conjugate
-gradients, preconditioned pixel by pixel. What single pixels were held by, the weak priors, is shared by all of them here.
-Between steps, expectation maximisation learns the scales (`student`). Random
-draws from the posterior around its maximum give the standard deviations (Papandreou and Yuille 2010, Gaussian
-sampling by local perturbations).
+gradients, preconditioned pixel by pixel. Between steps, expectation maximisation learns the scales (`student`). Random draws from the
+posterior around its maximum give the standard deviations (Papandreou and Yuille 2010, Gaussian sampling by local
+perturbations).
 """
 
 from collections.abc import Callable
@@ -42,11 +41,8 @@ LOST = 10.0  # log likelihood that neighbours may cost a pixel in these, else it
 # Log likelihood that a pixel may lose in a step beyond what that predicts; measured: with 1 white spheres and edges stay
 # where they are (R off by 0.34 instead of 0.03)
 SLACK = 1000.0
-REJECTED, RELAXED, UNDAMPED = (
-    0.5,
-    0.25,
-    0.01,
-)  # damping after a step that was refused; factor after a good one; none
+# Damping after a step that was refused; factor after a good one; none
+REJECTED, RELAXED, UNDAMPED = 0.5, 0.25, 0.01
 POOL = 5  # width of the window over which draws are averaged [pixels]
 
 

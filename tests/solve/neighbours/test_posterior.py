@@ -59,8 +59,19 @@ def test_edges_stay():
     edge = np.isin(column, (22, 23, 24, 25))
     single = errors(solve(problem, ALONE), truth, spectrum)[1]
     together = errors(solve(problem, WITH_PRIORS), truth, spectrum)[1]
-    assert np.abs(together[edge]).mean() < 0.9 * np.abs(single[edge]).mean()
-    assert np.abs(together[~edge]).mean() < 0.6 * np.abs(single[~edge]).mean()
+    assert np.abs(together[edge]).mean() < 0.2 * np.abs(single[edge]).mean()
+    assert np.abs(together[~edge]).mean() < 0.3 * np.abs(single[~edge]).mean()
+
+
+def test_white_pixels_learn_their_scale_from_those_that_can_tell_it():
+    """Inside the ring's cone all LEDs are far brighter than the constant light: each pixel alone stays dark."""
+    white = np.full(8, 0.8)
+    problem, truth = sphere_problem(40, event_noise=0.05, spectrum=white)
+    inside = truth[:, 2] > 0.9
+    single, together = (
+        np.abs(errors(solve(problem, e), truth, white)[1][inside]).mean() for e in (ALONE, WITH_PRIORS)
+    )
+    assert single > 0.3 and together < 0.05
 
 
 def test_pixels_whose_events_contradict_the_light_learn_from_their_neighbours(noisy_sphere, rng):
