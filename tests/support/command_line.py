@@ -81,6 +81,7 @@ def check_maps(maps):
         "normal": ((height, width, 3), "<f4"),
         "reflectance": ((height, width, n_band), "<f4"),
         "mask": ((height, width), "|b1"),
+        "mask_reflectance": ((height, width), "|b1"),
         "normal_sigma_deg": ((height, width), "<f4"),
         "reflectance_sigma": ((height, width, n_band), "<f4"),
         "band_wavelength_nm": ((n_band,), "<f4"),
@@ -92,6 +93,7 @@ def check_maps(maps):
     assert maps["reflectance"].min() >= 0
     assert (maps["normal_sigma_deg"][~mask] == 180).all() and (maps["reflectance_sigma"][~mask] == 1).all()
     assert (maps["normal_sigma_deg"][mask] < 90).all() and (maps["normal_sigma_deg"] > 0).all()
+    assert not (maps["mask_reflectance"] & ~mask).any()
     assert (maps["reflectance_sigma"] > 0).all() and (maps["reflectance_sigma"] <= 1).all()
 
 
