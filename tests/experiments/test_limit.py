@@ -76,6 +76,7 @@ def test_shares_within_sigma():
     assert (shares["reflectance_1"], shares["reflectance_2"]) == pytest.approx((4 / 6, 5 / 6))
 
 
+@pytest.mark.filterwarnings("ignore:.*can't tell their scale")  # alone
 def test_a_fit_alone_reaches_its_limit(sphere):
     """Each pixel alone stays near its limit, nearest where the light is that of the model; neighbours help beyond it."""
     own, alone, helped = compute.run(sphere, compute.BASE, own=True)
