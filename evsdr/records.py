@@ -146,3 +146,42 @@ class Truth:
     normal: np.ndarray
     reflectance: np.ndarray
     mask: np.ndarray
+
+
+@dataclass(frozen=True)
+class Signals:
+    """The light of each LED in some pixels, constant light included: as the maps have it, and as events tell it.
+
+    Attributes
+    ----------
+    pixel : (n,) int
+        Where they lie in the image, row-major.
+    modelled : (n, n_led) float32
+        A_xj + C_w.
+    change : (n, n_led) float32
+        What is added to its logarithm so that it explains the events of the pixel best, each LED by itself.
+        Events only tell ratios of light: the mean over LEDs and darkness is 0.
+    sigma : (n, n_led) float32
+        One standard deviation of that; 1 or nearly so where no events tell.
+    residual : (n,) float32
+        What the maps leave unexplained of an event, relative to its threshold: root mean square, by robust weights; 0
+        without events.
+    count : (n,) int
+        Pairs of events.
+    band : (n_led,) int
+        Band of each LED.
+    direction : (n_led, 3) float
+        Unit vector to each LED, camera frame, mean over pixels.
+    constant_light : float
+        C_w.
+    """
+
+    pixel: np.ndarray
+    modelled: np.ndarray
+    change: np.ndarray
+    sigma: np.ndarray
+    residual: np.ndarray
+    count: np.ndarray
+    band: np.ndarray
+    direction: np.ndarray
+    constant_light: float
