@@ -17,6 +17,7 @@ ROOMS = (
     "fitting",
     "limits",
     "calibration",
+    "page",
     "rig",
 )
 # Modules that need no test file of their own, and why.

@@ -63,8 +63,12 @@ def test_every_file_of_the_scenes_is_packaged():
 def test_every_table_of_the_package_is_packaged():
     data = PYPROJECT["tool"]["setuptools"]["package-data"]
     package = REPOSITORY / "evsdr"
-    files = {file for file in package.rglob("*.*") if file.suffix in {".csv", ".npz", ".json", ".txt"}}
-    assert package / "files" / "daylight.csv" in files
+    files = {
+        file
+        for file in package.rglob("*.*")
+        if file.suffix in {".csv", ".npz", ".json", ".txt", ".html", ".css", ".js"}
+    }
+    assert {package / "files" / "daylight.csv", package / "page" / "main.js"} <= files
     for file in files:
         name = ".".join(file.parent.relative_to(REPOSITORY).parts)
         assert any(file.match(pattern) for pattern in data.get(name, ())), file

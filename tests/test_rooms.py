@@ -14,7 +14,7 @@ FLOORS = (
     ("model", "metrics"),
     ("integrators", "events", "files", "jit", "frozen"),
     ("solve", "light", "shape", "rig"),
-    ("effects", "limits", "calibration"),
+    ("effects", "limits", "calibration", "page"),
     ("fitting",),
     ("commands", "scenes", "door"),
 )

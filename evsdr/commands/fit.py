@@ -1,6 +1,9 @@
 """`python -m evsdr.fit scene.xml events.h5`: recover normals and absolute reflectance from a recording."""
 
+import shlex
+import sys
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -32,6 +35,8 @@ class Files:
     """Folder for the results; by default named after the recording."""
     truth: Path | None = None
     """truth.npz to compare with."""
+    report: bool = True
+    """Write report.html, a page that shows all of it in a browser."""
 
 
 @dataclass(frozen=True)
@@ -73,15 +78,17 @@ def names_of(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; gives its exit status."""
-    return run_command("fit", Options, command, argv)
+    told = shlex.join(map(str, sys.argv[1:] if argv is None else argv))
+    return run_command("fit", Options, partial(command, told=told), argv)
 
 
-def command(options: Options) -> int:
-    """Fit, write the results, print a table; gives 3 if the results contradict the files."""
+def command(options: Options, told: str = "") -> int:
+    """Fit, write the results, print a table; gives 3 if the results contradict the files. `told` is what was typed."""
     out = options.out or options.events.with_name(options.events.stem)
     check_folder(out)
     found = recover(options)
-    found.save(out)
+    found = replace(found, summary=found.summary | {"command": f"python -m evsdr.fit {told}"})
+    found.save(out, options.report)
     summary = found.summary
     rows = [(f"{name} [s]", f"{seconds:.2f}") for name, seconds in summary["seconds"].items()]
     rows += [(name, f"{value:.4f}") for name, value in summary.get("error", {}).items()]
@@ -89,6 +96,8 @@ def command(options: Options) -> int:
     print_table(f"{options.scene} {options.events}", rows)
     for effect, decision in summary["model"].items():
         print(f"{effect}: {decision}")
+    if options.report:
+        print(f"page to look at in a browser: {out / 'report.html'}")
     print(f"pictures: {out / 'normal.png'}, {out / 'reflectance.png'}; all else in {out}")
     return CONTRADICTED if found.contradicted else 0
 
@@ -108,4 +117,4 @@ def recover(options: Options) -> Fit:
     error = score(found.maps, truth) if truth else {}
     summary = found.summary | ({"error": error} | error if error else {})
     seconds = stages.seconds | summary["seconds"]
-    return replace(found, summary=summary | {"warnings": messages, "seconds": seconds})
+    return replace(found, summary=summary | {"warnings": messages, "seconds": seconds}, truth=truth)

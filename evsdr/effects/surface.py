@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from evsdr.light.camera import camera_geometry
 from evsdr.light.ground_truth import object_depth
 from evsdr.light.scene import RingScene, move_object, with_object
+from evsdr.records import Maps
 from evsdr.shape.depth import Depth
 from evsdr.shape.traced import depth_of, surface_files, traced_mesh
 
@@ -39,6 +40,6 @@ class FittedSurface:
         scale = self._depth.depth[self._depth.mask].mean() if self.camera.perspective else 1.0
         return self._scene, pixels * min(self.camera.pixel_size) * float(scale)
 
-    def files(self, fitted: "Fitted") -> dict:
+    def files(self, depth: Depth, maps: Maps) -> dict:
         """Give what writes the surface's files."""
-        return surface_files(self.depth(fitted), fitted.maps, self.to_world)
+        return surface_files(depth, maps, self.to_world)

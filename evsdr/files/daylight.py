@@ -44,13 +44,15 @@ def reflectance_to_srgb(reflectance: np.ndarray, wavelength_nm: np.ndarray) -> n
     (..., 3) float64
         sRGB (IEC 61966-2-1), clipped to 0..1.
     """
+    linear = np.clip(reflectance @ daylight_weights(wavelength_nm), 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def daylight_weights(wavelength_nm: np.ndarray) -> np.ndarray:
+    """Give linear sRGB (n_band, 3) of a surface that reflects daylight in one band alone, see `reflectance_to_srgb`."""
     centre, index = np.unique(wavelength_nm, return_inverse=True)
     if len(centre) < 3:
-        linear = np.repeat(reflectance.mean(axis=-1, dtype=np.float64)[..., None], 3, axis=-1)
-    else:
-        nm, rgb = read_table()
-        average = (index == np.arange(len(centre))[:, None]) / np.bincount(index)[:, None]
-        interpolate = np.stack([np.interp(nm, centre, column) for column in average.T])
-        linear = reflectance @ (interpolate @ rgb)
-    linear = np.clip(linear, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        return np.full((len(wavelength_nm), 3), 1 / len(wavelength_nm))
+    nm, rgb = read_table()
+    average = (index == np.arange(len(centre))[:, None]) / np.bincount(index)[:, None]
+    return np.stack([np.interp(nm, centre, column) for column in average.T]) @ rgb

@@ -12,9 +12,11 @@ from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
 from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import RingScene
+from evsdr.records import Signals
 from evsdr.solve import published, recipes
 from evsdr.solve.loop import data_of, resume, start_of
 from evsdr.solve.loop import solve as run
+from evsdr.solve.measured import measure_signals
 from evsdr.solve.pair_data import thin
 from evsdr.solve.problem import Problem
 from evsdr.solve.solution import STEPS_USED_UP, Solution
@@ -22,6 +24,10 @@ from evsdr.solve.unknowns import first_theta, to_theta
 
 DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
 PUBLISHED_ROBUST = 3.0  # the same of the published decoder; measured: at 1 it loses all contrast
+MOST_SIGNALS, MOST_LEDS = (
+    4_000_000,
+    64,
+)  # of which signals are measured: more take long and no page holds them
 # Recipes by what a solve is for
 RECIPES = {
     "whole": recipes.whole,
@@ -71,6 +77,15 @@ class Decoder:
     def misfit(self, fitted: Fitted) -> str:
         """Say where the events are explained less well than elsewhere, see `misfit.explain_misfit`."""
         return explain_misfit(fitted, choose_effort(self.settings).width(self.thresholds))
+
+    def signals(self, fitted: Fitted) -> Signals | None:
+        """Ask the events what each LED gives each pixel; None where these are too many to look at."""
+        problem, light = fitted.problem, fitted.problem.illumination
+        if problem.n_pixel * light.n_led > MOST_SIGNALS or light.n_led > MOST_LEDS:
+            return None
+        width = choose_effort(self.settings).width(self.thresholds)
+        data = data_of(problem.model, problem.pairs, light.constant_light, problem.grid, width)
+        return measure_signals(data, fitted.solution, problem.pixel)
 
     def fitted(self, problem: Problem, solution: Solution, values: tuple | None = None) -> Fitted:
         """Lay a solution out as maps; `values` are normals and reflectances that stand as they are."""

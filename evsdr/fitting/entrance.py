@@ -19,7 +19,7 @@ from evsdr.files.events_h5 import read_recording
 from evsdr.fitting.settings import Settings, check_settings
 from evsdr.light.entry import open_scene
 from evsdr.progress import Seconds
-from evsdr.records import Maps, Recording
+from evsdr.records import Maps, Recording, Signals, Truth
 
 VARIANTS = {"cpu": "llvm_ad_spectral", "gpu": "cuda_ad_spectral"}
 
@@ -40,6 +40,12 @@ class Fit:
         What was modelled and why, numbers, residuals, warnings, seconds per stage.
     surface : dict of callable (path)
         What writes `depth.exr` and `mesh.ply`; empty where no pixel is known.
+    depth : Depth, optional
+        Of all pixels solved; None where no pixel is known.
+    signals : Signals, optional
+        Light of each LED, as the maps have it and as events tell it; None where there are too many pixels.
+    truth : Truth, optional
+        What is true, if that was told: `report.html` shows how far the maps are from it.
     """
 
     maps: Maps
@@ -47,6 +53,9 @@ class Fit:
     solution: object
     summary: dict
     surface: dict[str, Callable[[Path], None]]
+    depth: object = None
+    signals: Signals | None = None
+    truth: Truth | None = None
 
     @property
     def verdict(self) -> str:
@@ -58,8 +67,14 @@ class Fit:
         """Whether what was recorded contradicts the files."""
         return self.verdict.startswith("contradicted")
 
-    def save(self, folder: str | Path) -> None:
+    def save(self, folder: str | Path, report: bool = True) -> None:
         """Write all files of `python -m evsdr.fit` into a folder, made if missing: all or none.
+
+        Parameters
+        ----------
+        folder : str or Path
+        report : bool
+            Whether `report.html` is among them; else one of an earlier fit goes.
 
         Raises
         ------
@@ -67,9 +82,16 @@ class Fit:
             The folder can't be written.
         """
         from evsdr.files.results import write_results
+        from evsdr.page.document import write_report
 
         check_folder(Path(folder))
-        write_results(folder, self.maps, self.summary, self.surface)
+        more = dict(self.surface)
+        if report:
+            shown = self.maps, self.summary, self.signals, self.depth, self.truth
+            more["report.html"] = lambda path: write_report(path, *shown)
+        write_results(folder, self.maps, self.summary, more)
+        if not report:
+            (Path(folder) / "report.html").unlink(missing_ok=True)  # of an earlier fit
 
 
 def start(device: str | None = None) -> None:

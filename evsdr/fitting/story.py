@@ -112,12 +112,15 @@ def fit_recording(
                 fitted = solve(world.problem(fitted), fitted, "model", advance)
     fitted = replace(fitted, maps=widened(fitted.maps, world.decisions))
     with stages.stage("surface"):
-        surface = world.surface.files(fitted) if fitted.maps.mask.any() else {}
+        depth = world.surface.depth(fitted) if fitted.maps.mask.any() else None
+        surface = world.surface.files(depth, fitted.maps) if depth else {}
+    with stages.stage("signals"):
+        signals = solve.signals(fitted)
     geometry.check_pieces(world)
     geometry.check_normals(world, fitted.maps)
     said = {"verdict": str(judge(world, fitted)), "misfit": solve.misfit(fitted)}
     summary = report.summarise(world, settings, fitted, notes) | said
-    return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface)
+    return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface, depth, signals)
 
 
 def unknown_of_all(settings: Settings) -> tuple[str, ...]:

@@ -1,6 +1,8 @@
 """The commands as their users meet them: what they leave behind, and how they stop."""
 
 import gc
+import html
+import json
 import os
 import re
 import shutil
@@ -14,6 +16,8 @@ import pytest
 from evsdr.commands import fit
 from evsdr.files import results
 from evsdr.fitting import decoder
+from evsdr.page.codec import Layer, unpack
+from evsdr.page.contents import KNOWN, SOLVED
 from evsdr.solve import problem
 from tests.conftest import REPOSITORY
 from tests.support.command_line import change, contents, read
@@ -61,7 +65,7 @@ def test_no_garbage_is_collected_while_the_solver_records(commands, monkeypatch)
 
 def test_results(commands):
     maps, summary = commands.results("--truth", commands.folder / "truth.npz")
-    names = "maps.npz normal.exr reflectance.exr normal.png reflectance.png depth.exr mesh.ply summary.json"
+    names = "maps.npz normal.exr reflectance.exr normal.png reflectance.png depth.exr mesh.ply report.html summary.json"
     assert {path.name for path in (commands.folder / "out").iterdir()} == set(names.split())
     assert maps["normal"].shape == (HEIGHT, WIDTH, 3)
     np.testing.assert_allclose(maps["band_wavelength_nm"], [450, 620], atol=0.01)
@@ -81,6 +85,32 @@ def test_results(commands):
     assert (
         maps["normal"][HEIGHT // 2, -5, 0] > 0.3 and maps["normal"][2, WIDTH // 2, 1] > 0.3
     )  # x right, y up
+
+
+def test_report_holds_what_the_summary_says(commands):
+    maps, summary = commands.results("--truth", commands.folder / "truth.npz")
+    page = (commands.folder / "out" / "report.html").read_text(encoding="utf-8")
+    assert f"<title>{commands.folder.name} / events" in page
+    assert summary["command"].startswith("python -m evsdr.fit ") and "--preset fast" in summary["command"]
+    assert summary["command"] in html.unescape(page)
+    for why in summary["model"].values():
+        assert why in html.unescape(page)
+    held = json.loads(re.search(r'id="evsdr-report">(.*?)</script>', page)[1], parse_constant=pytest.fail)
+    assert set(held["layers"]) >= {"normal", "reflectance", "depth", "light", "change", "angle_deg", "rmse"}
+    state = unpack(Layer(**held["layers"]["state"])).astype(int).reshape(HEIGHT, WIDTH)
+    np.testing.assert_array_equal(state & KNOWN > 0, maps["mask"])
+    normal = unpack(Layer(**held["layers"]["normal"]))
+    np.testing.assert_allclose(normal, maps["normal"][state & SOLVED > 0], atol=2e-5)
+    assert "signals" in summary["seconds"]
+
+
+def test_without_report(commands):
+    assert "report.html" in commands.fit()[1]
+    assert (commands.folder / "out" / "report.html").exists()
+    status, out, _ = commands.fit("--no-report")
+    assert status == 0 and "report.html" not in out
+    assert not (commands.folder / "out" / "report.html").exists()  # that of the earlier fit went
+    assert (commands.folder / "out" / "summary.json").exists()
 
 
 def test_default_folder_is_named_after_the_events(commands):

@@ -92,4 +92,4 @@ def test_a_scene_follows_its_fit(tmp_path):
     flat.maps.normal[...] = (0, 0, 1)
     again, _ = surface.follow(flat, 0.5)
     assert again is there and object_normals(there)[inner][:, 2].min() > 0.99
-    assert set(surface.files(fit)) == {"depth.exr", "mesh.ply"}
+    assert set(surface.files(surface.depth(fit), fit.maps)) == {"depth.exr", "mesh.ply"}

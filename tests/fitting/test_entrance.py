@@ -48,6 +48,16 @@ def test_saved_results_are_those_of_the_command(place, given, tmp_path, capsys):
         np.testing.assert_array_equal(ours[name], theirs[name])
 
 
+def test_a_fit_carries_what_its_page_shows(given, tmp_path):
+    found = evsdr.fit(*given, FAST)
+    n = found.summary["numbers"]["pixels_solved"]
+    assert found.signals.modelled.shape == (n, 8) and found.depth.mask.sum() == n and found.truth is None
+    found.save(tmp_path, report=False)
+    assert not (tmp_path / "report.html").exists() and (tmp_path / "maps.npz").exists()
+    found.save(tmp_path)
+    assert "from Python" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
 def test_a_fit_from_arrays_names_no_file(given):
     ring, recording = given
     bare = replace(recording, source="the recording", sensor=replace(recording.sensor, width=WIDTH + 1))

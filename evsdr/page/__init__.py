@@ -1,0 +1,1 @@
+"""`report.html`: what a fit found, as one page that needs nothing but a browser."""

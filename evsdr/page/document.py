@@ -1,0 +1,96 @@
+"""The page itself: template, style, scripts and contents in one file that loads nothing else.
+
+Its content security policy names style and script by their hashes, so that a browser runs nothing else, and fetches
+nothing, whatever the texts of a recording hold.
+"""
+
+import base64
+import hashlib
+import json
+import re
+from datetime import datetime
+from html import escape
+from pathlib import Path
+
+from evsdr.page import words
+from evsdr.page.contents import MOST_BYTES, contents
+from evsdr.records import Maps, Signals, Truth
+from evsdr.shape.depth import Depth
+
+HERE = Path(__file__).parent
+SCRIPTS = "decode", "npz", "colour", "maps", "relight", "mesh", "charts", "pixel", "compare", "stage", "main"
+
+
+def write_report(
+    path: Path,
+    maps: Maps,
+    summary: dict,
+    signals: Signals | None = None,
+    depth: Depth | None = None,
+    truth: Truth | None = None,
+) -> None:
+    """Write the page of a fit; arguments as those of `page`."""
+    written = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M")
+    path.write_text(page(maps, summary, signals, depth, truth, written), encoding="utf-8")
+
+
+def page(
+    maps: Maps,
+    summary: dict,
+    signals: Signals | None = None,
+    depth: Depth | None = None,
+    truth: Truth | None = None,
+    written: str = "",
+    most_bytes: int = MOST_BYTES,
+) -> str:
+    """Give the page of a fit.
+
+    Parameters
+    ----------
+    maps : Maps
+    summary : dict
+        As in `summary.json`.
+    signals : Signals, optional
+        Light of each LED, as the maps have it and as events tell it.
+    depth : Depth, optional
+        Of the pixels solved.
+    truth : Truth, optional
+        What is true.
+    written : str
+        When.
+    most_bytes : int
+        Of all arrays in it.
+    """
+    shown = contents(maps, signals, depth, truth, most_bytes) | {"title": words.title_of(summary)}
+    style = (HERE / "style.css").read_text(encoding="utf-8")
+    scripts = "\n".join((HERE / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS)
+    script = f'"use strict";\n(() => {{\n{scripts}}})();\n'
+    parts = {
+        "title": escape(shown["title"]),
+        "subtitle": words.subtitle(summary, maps, written),
+        "verdict": words.verdict(summary),
+        "figures": words.key_figures(summary, maps),
+        "record": words.record(summary),
+        "policy": policy(style, script),
+        "style": style,
+        "script": script,
+        "contents": in_script(shown),
+    }
+    template = (HERE / "page.html").read_text(encoding="utf-8")
+    return re.sub(r"\{\{(\w+)\}\}", lambda name: parts[name[1]], template)
+
+
+def policy(style: str, script: str) -> str:
+    """Allow this style and this script, and nothing from anywhere."""
+    return f"default-src 'none'; img-src data: blob:; style-src {digest(style)}; script-src {digest(script)}"
+
+
+def digest(text: str) -> str:
+    """Name a text by its hash, as a content security policy does."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}'"
+
+
+def in_script(values: dict) -> str:
+    """Write JSON that may stand in a script element: no text in it ends the element."""
+    text = json.dumps(values, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
