@@ -5,7 +5,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
+
+Progress = Callable[[str, float], bool | None]  # told (stage, share); True asks to end soon
+
+
+def silent(*_) -> None:
+    """Tell nobody."""
 
 
 class Seconds:
@@ -13,28 +20,35 @@ class Seconds:
 
     Parameters
     ----------
-    progress : callable (stage, share), optional
-        Told what is under way, and which share of it, 0..1, is done.
+    progress : callable (stage, share) -> bool, optional
+        Told what is under way, and which share of it, 0..1, is done; True asks to end soon.
 
     Attributes
     ----------
     seconds : dict of str to float
         Wall time of each finished stage.
+    enough : bool
+        Whether it was asked to end soon.
     """
 
-    def __init__(self, progress: Callable[[str, float], None] | None = None):
+    def __init__(self, progress: Progress | None = None):
         self.seconds: dict[str, float] = {}
-        self.progress = progress or (lambda stage, share: None)
+        self.progress = progress or silent
+        self.enough = False
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[Callable[[str, float], None]]:
-        """Time a stage; gives a callable (detail, share) that tells how far it is."""
-        self.progress(name, 0.0)
+    def stage(self, name: str) -> Iterator[Callable[[str, float], bool]]:
+        """Time a stage; gives a callable (detail, share) that tells how far it is, and says whether to end soon."""
+        self._tell(name, 0.0)
         start = time.perf_counter()
         try:
-            yield lambda detail, share: self.progress(f"{name}, {detail}", share)
+            yield lambda detail, share: self._tell(f"{name}, {detail}", share)
         finally:
             self.seconds[name] = time.perf_counter() - start
+
+    def _tell(self, what: str, share: float) -> bool:
+        self.enough = bool(self.progress(what, share)) or self.enough
+        return self.enough
 
 
 class Stages(Seconds):
@@ -43,7 +57,7 @@ class Stages(Seconds):
     def __init__(self, title: str):
         super().__init__(self.show)
         console = Console(stderr=True)
-        self._progress = Progress(
+        self._progress = Bar(
             TextColumn("{task.description}"),
             BarColumn(bar_width=30),
             TimeElapsedColumn(),

@@ -60,6 +60,43 @@ def _quiet() -> Iterator[None]:
         sys.unraisablehook = hook
 
 
+class Patience:
+    """Stops that wait: once it has begun, the first is only noted, for whoever looks; the next stops as before.
+
+    Attributes
+    ----------
+    came : signal.Signals, optional
+        The one that was noted.
+    """
+
+    def __init__(self):
+        self.came: signal.Signals | None = None
+        self._before: dict = {}
+
+    def begin(self) -> None:
+        """Let the first stop wait from now on, to the end of the `with` block; again, it changes nothing."""
+        if self._before:
+            return
+        self._before = {n: handler for n, handler in _handlers(STOPS).items() if callable(handler)}
+        for number in self._before:
+            signal.signal(number, self._note)
+
+    def _note(self, number: int, _) -> None:
+        self.came = signal.Signals(number)
+        self._end()
+
+    def _end(self) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def __enter__(self) -> "Patience":
+        return self
+
+    def __exit__(self, *_) -> None:
+        if self.came is None:
+            self._end()
+
+
 @contextmanager
 def undisturbed() -> Iterator[None]:
     """Let signals wait. A mask would not do: other threads of the process hear them, and Python acts in the first one."""

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from evsdr.progress import Stages
+from evsdr.progress import Seconds, Stages
 
 
 def test_seconds_of_stages():
@@ -18,6 +18,14 @@ def test_seconds_of_stages():
             pass
     assert list(stages.seconds) == ["one", "two"]
     assert stages.seconds["one"] >= 0.01 and stages.seconds["two"] >= 0
+
+
+def test_who_is_told_may_ask_to_end_soon():
+    asked = []
+    stages = Seconds(lambda stage, share: asked.append(share) or share == 0.5)
+    with stages.stage("one") as advance:
+        assert not advance("a", 0.1) and not stages.enough
+        assert advance("b", 0.5) and advance("c", 0.7) and stages.enough
 
 
 def test_seconds_of_a_stage_that_fails():

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from evsdr import signals
-from evsdr.signals import stoppable, undisturbed
+from evsdr.signals import Patience, stoppable, undisturbed
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
@@ -91,6 +91,39 @@ def test_signals_wait_while_they_must():
             done.append(1)
         done.append(2)
     assert came == [signal.SIGTERM] and done == [1]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_patience_notes_the_first_stop_and_the_next_one_stops(number):
+    came = []
+    with pytest.raises(KeyboardInterrupt), stoppable(came), Patience() as patience:
+        patience.begin()
+        patience.begin()
+        send(number)
+        assert patience.came is number and not came
+        send(number)
+    assert came == [number]
+
+
+def test_patience_that_has_not_begun_or_has_ended_stops_at_once():
+    for begun in (False, True):
+        with pytest.raises(KeyboardInterrupt), stoppable([]):
+            with Patience() as patience:
+                if begun:
+                    patience.begin()
+                else:
+                    send(signal.SIGINT)
+            send(signal.SIGINT)
+        assert patience.came is None
+
+
+def test_a_stop_in_the_midst_of_writing_is_noted_by_the_patient():
+    with stoppable([]), Patience() as patience:
+        patience.begin()
+        with undisturbed():
+            send(signal.SIGINT)
+            assert patience.came is None
+        assert patience.came is signal.SIGINT
 
 
 def test_other_threads_do_not_listen():

@@ -9,6 +9,7 @@ import tempfile
 import traceback
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 
 import tyro
 from rich.console import Console
@@ -58,7 +59,7 @@ def run_command(
             print(f"error: {error}", file=sys.stderr)
             return 2
         except KeyboardInterrupt as stop:
-            return _stopped(came, str(stop))
+            return stopped_by(came[0] if came else signal.SIGINT, str(stop))
         except MemoryError:
             print(f"error: the memory ran out; {LESS}.", file=sys.stderr)
             return UNFORESEEN
@@ -67,14 +68,16 @@ def run_command(
             return UNFORESEEN
         except Exception as error:
             if came:  # compiled code makes other errors of it
-                return _stopped(came, "")
+                return stopped_by(came[0], "")
             print(f"error: {_unforeseen(name, argv, error)}", file=sys.stderr)
             return UNFORESEEN
 
 
-def _stopped(came: list[int], what: str) -> int:
-    print(f"stopped; {what or 'nothing was written.'}", file=sys.stderr)
-    return 128 + (came[0] if came else signal.SIGINT)
+def stopped_by(number: int, what: str) -> int:
+    """Say that a signal has stopped a command, and what was done; gives the exit status, 128 and its number."""
+    with suppress(OSError):  # the terminal may be gone
+        print(f"stopped; {what or 'nothing was written.'}", file=sys.stderr, flush=True)
+    return 128 + number
 
 
 def _unforeseen(name: str, argv: list[str] | None, error: Exception) -> str:

@@ -9,15 +9,16 @@ from typing import Annotated, Literal
 
 import tyro
 
-from evsdr.commands.console import print_table, run_command
+from evsdr.commands.console import print_table, run_command, stopped_by
 from evsdr.errors import check_range, parse_definitions
 from evsdr.files.atomic import check_folder
 from evsdr.files.events_h5 import read_recording
 from evsdr.files.truth import read_truth
-from evsdr.fitting.entrance import Fit, collected_warnings, fit, load_scene, start
+from evsdr.fitting.entrance import SOLVE, Fit, collected_warnings, fit, load_scene, start
 from evsdr.fitting.settings import PRIORS, SHARED, Settings, check_names
 from evsdr.metrics import score
 from evsdr.progress import Stages
+from evsdr.signals import Patience
 from evsdr.solve.tuning import Tuning
 
 CONTRADICTED = 3  # exit status of results that contradict the files
@@ -83,12 +84,20 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def command(options: Options, told: str = "") -> int:
-    """Fit, write the results, print a table; gives 3 if the results contradict the files. `told` is what was typed."""
+    """Fit, write the results, print a table; gives 3 if the results contradict the files. `told` is what was typed.
+
+    Ctrl-C, SIGTERM and SIGHUP while the solver runs end it early, with the best so far; once more, at once and with
+    nothing.
+    """
     out = options.out or options.events.with_name(options.events.stem)
     check_folder(out)
-    found = recover(options)
-    found = replace(found, summary=found.summary | {"command": f"python -m evsdr.fit {told}"})
-    found.save(out, options.report)
+    with Patience() as patience:
+        found = recover(options, patience)
+        found = replace(found, summary=found.summary | {"command": f"python -m evsdr.fit {told}"})
+        found.save(out, options.report)
+    if patience.came:
+        best = "the best so far" if found.summary["stopped"] else "the whole fit"
+        return stopped_by(patience.came, f"{best} is in {out}, see `stopped` in its summary.json.")
     summary = found.summary
     rows = [(f"{name} [s]", f"{seconds:.2f}") for name, seconds in summary["seconds"].items()]
     rows += [(name, f"{value:.4f}") for name, value in summary.get("error", {}).items()]
@@ -102,8 +111,8 @@ def command(options: Options, told: str = "") -> int:
     return CONTRADICTED if found.contradicted else 0
 
 
-def recover(options: Options) -> Fit:
-    """Read the files, fit, and compare with the truth if there is one."""
+def recover(options: Options, patience: Patience) -> Fit:
+    """Read the files, fit, and compare with the truth if there is one; a stop while the solver runs ends it early."""
     settings = options.settings()
     with collected_warnings() as messages, Stages("fit") as stages:
         with stages.stage("start"):
@@ -113,7 +122,14 @@ def recover(options: Options) -> Fit:
         with stages.stage("load scene"):
             scene = load_scene(options.scene, **parse_definitions(options.define))
             truth = options.truth and read_truth(options.truth, scene.height, scene.width, scene.leds.n_band)
-        found = fit(scene, recording, settings, options.mask, stages.show)
+
+        def progress(stage: str, share: float) -> bool:
+            stages.show("stopping; once more to end at once" if patience.came else stage, share)
+            if stage.startswith(SOLVE):
+                patience.begin()
+            return patience.came is not None
+
+        found = fit(scene, recording, settings, options.mask, progress)
     error = score(found.maps, truth) if truth else {}
     summary = found.summary | ({"error": error} | error if error else {})
     seconds = stages.seconds | summary["seconds"]

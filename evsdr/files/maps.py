@@ -1,5 +1,6 @@
-"""Read maps.npz, what a fit has recovered."""
+"""Read what a fit has recovered."""
 
+import hashlib
 from dataclasses import MISSING, fields
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from evsdr.errors import InputError
 from evsdr.files.arrays import read_npz
+from evsdr.files.json_text import read_json
 from evsdr.records import Maps
 
 
@@ -38,3 +40,36 @@ def read_maps(path: Path) -> Maps:
             f"{path}: its arrays have other shapes than evsdr.fit writes, or are not finite; fit again."
         )
     return Maps(**arrays)
+
+
+def read_results(folder: str | Path) -> tuple[Maps, dict]:
+    """Read the maps and the summary of a fit, and check that all its files are as they were written.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Results of `python -m evsdr.fit`, or of `Fit.save`.
+
+    Raises
+    ------
+    InputError
+        A file is missing, damaged, or not of this fit.
+    """
+    folder = Path(folder)
+    path = folder / "summary.json"
+    summary = read_json(path, "the folder of a fit that has ended")
+    files = summary.get("files") if isinstance(summary, dict) else None
+    if not isinstance(files, dict) or "maps.npz" not in files:
+        raise InputError(f"{path}: it names no files; name the folder of a fit, or fit again.")
+    for name, told in files.items():
+        file = folder / Path(name).name
+        if not file.is_file():
+            raise InputError(f"{file}: there is no such file, but {path} names it; fit again.")
+        if sha256(file) != told:
+            raise InputError(f"{file}: this is not the file that {path} tells of; fit again.")
+    return read_maps(folder / "maps.npz"), summary
+
+
+def sha256(path: Path) -> str:
+    """Give the SHA-256 of a file, in hexadecimal digits."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

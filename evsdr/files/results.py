@@ -11,6 +11,7 @@ import png
 
 from evsdr.files.atomic import atomic_folder
 from evsdr.files.daylight import reflectance_to_srgb
+from evsdr.files.maps import sha256
 from evsdr.records import Maps
 
 
@@ -28,7 +29,8 @@ def write_results(
     maps : Maps
         Finite everywhere.
     summary : dict
-        Numbers (NumPy's too), texts, lists and dicts of them, without NaN or infinity.
+        Numbers (NumPy's too), texts, lists and dicts of them, without NaN or infinity. What is written gets another key,
+        `files`: the SHA-256 of each other file.
     more : dict of callable (path), optional
         Further files by name, each with what writes it.
 
@@ -43,7 +45,7 @@ def write_results(
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise ValueError(f"{name} must be finite everywhere")
-    text = json.dumps(summary, indent=2, allow_nan=False, default=_plain)
+    json.dumps(summary, allow_nan=False, default=_plain)  # raises before anything is written
     with atomic_folder(folder, "summary.json") as temporary:
         np.savez(temporary / "maps.npz", **arrays)
         write_exr(temporary / "normal.exr", {"RGB": maps.normal})
@@ -56,6 +58,8 @@ def write_results(
         write_png(temporary / "reflectance.png", colour.astype(np.uint8))
         for name, write in (more or {}).items():
             write(temporary / name)
+        files = {file.name: sha256(file) for file in sorted(temporary.iterdir())}
+        text = json.dumps(summary | {"files": files}, indent=2, allow_nan=False, default=_plain)
         (temporary / "summary.json").write_text(text + "\n", encoding="utf-8")
 
 

@@ -1,6 +1,5 @@
 """The solvers with their settings, run on one problem after another."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +11,7 @@ from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
 from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import RingScene
+from evsdr.progress import Progress, silent
 from evsdr.records import Signals
 from evsdr.solve import published, recipes
 from evsdr.solve.loop import data_of, resume, start_of
@@ -65,7 +65,7 @@ class Decoder:
         problem: Problem,
         before: Fitted | None = None,
         purpose: str = "whole",
-        progress: Callable[[str, float], None] = lambda stage, share: None,
+        progress: Progress = silent,
     ) -> Fitted:
         """Solve a problem, from an earlier fit if there is one; arguments as those of `solve`."""
         given = problem, self.start_normal, self.settings
@@ -105,7 +105,7 @@ def solve(
     start_normal: np.ndarray,
     settings: Settings,
     estimate_thresholds: bool = False,
-    progress: Callable[[str, float], None] = lambda stage, share: None,
+    progress: Progress = silent,
     before: Fitted | None = None,
     purpose: str = "whole",
 ) -> Solution:

@@ -18,9 +18,10 @@ from evsdr.files.atomic import check_folder
 from evsdr.files.events_h5 import read_recording
 from evsdr.fitting.settings import Settings, check_settings
 from evsdr.light.entry import open_scene
-from evsdr.progress import Seconds
+from evsdr.progress import Progress, Seconds
 from evsdr.records import Maps, Recording, Signals, Truth
 
+SOLVE = "solve"  # the stage from which on there is a best so far
 VARIANTS = {"cpu": "llvm_ad_spectral", "gpu": "cuda_ad_spectral"}
 
 
@@ -133,7 +134,7 @@ def fit(
     recording: Recording | str | Path,
     settings: Settings = Settings(),
     mask: np.ndarray | str | Path | None = None,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Fit:
     """Recover normals and reflectances from a recording.
 
@@ -147,8 +148,9 @@ def fit(
         What is asked of each effect, and how hard to try.
     mask : (height, width) bool, or path, optional
         Pixels to solve; by default all of the object.
-    progress : callable (stage, share), optional
-        Told what is under way, and which share of it, 0..1, is done.
+    progress : callable (stage, share) -> bool, optional
+        Told what is under way, and which share of it, 0..1, is done. Once it gives True the fit ends as soon as it can
+        with the best so far: `stopped` in the summary says so, and the verdict is doubtful.
 
     Raises
     ------

@@ -1,6 +1,5 @@
 """The story of a fit: decide on each effect, model those that count, solve, and say what was found."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,14 +25,14 @@ from evsdr.effects.world import ROUND_RAYS, TRIAL_RAYS, Fitted, Terms, World
 from evsdr.fitting import report
 from evsdr.fitting.checks import check_fit, object_mask
 from evsdr.fitting.decoder import Decoder, start_normals
-from evsdr.fitting.entrance import Fit
+from evsdr.fitting.entrance import SOLVE, Fit
 from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
 from evsdr.fitting.verdict import judge
 from evsdr.light.scene import RingScene
 from evsdr.light.tracing import trace_illumination
 from evsdr.metrics import angular_error_deg
-from evsdr.progress import Seconds
+from evsdr.progress import Progress, Seconds, silent
 from evsdr.records import Recording
 from evsdr.solve.shared.rig import Told
 
@@ -89,9 +88,9 @@ def fit_recording(
         geometry.check_light(world)
     solve = Decoder(ring, settings, start_normals(ring, settings.init), world.thresholds)
     first = "alone" if terms.thorough else "whole"
-    with stages.stage("solve") as advance:
+    with stages.stage(SOLVE) as advance:
         fitted = solve(world.problem(), None, first, advance)
-        world, changed = decide("anew", world, fitted, settings)
+        world, changed = decide("anew", world, fitted, settings, advance)
         if changed:
             solve = replace(solve, thresholds=world.thresholds)
             fitted = solve(world.problem(), None, first, advance)
@@ -100,16 +99,17 @@ def fit_recording(
     notes = {}
     with stages.stage("settle light") as advance:
         first_light = world.illumination()
-        world, changed = decide("together", world, fitted, settings)
-        if world.light_follows_fit:
+        world, changed = decide("together", world, fitted, settings, advance)
+        if world.light_follows_fit and not stages.enough:
             fitted, notes = settle(world, first_light, fitted, solve, advance)
         if changed:
             fitted = solve(world.problem(fitted), fitted, "light", advance)
     with stages.stage("residuals") as advance:
         for _ in range(2):
-            world, changed = decide("settled", world, fitted, settings)
+            world, changed = decide("settled", world, fitted, settings, advance)
             if changed:
                 fitted = solve(world.problem(fitted), fitted, "model", advance)
+    stopped = stages.enough
     fitted = replace(fitted, maps=widened(fitted.maps, world.decisions))
     with stages.stage("surface"):
         depth = world.surface.depth(fitted) if fitted.maps.mask.any() else None
@@ -118,7 +118,8 @@ def fit_recording(
         signals = solve.signals(fitted)
     geometry.check_pieces(world)
     geometry.check_normals(world, fitted.maps)
-    said = {"verdict": str(judge(world, fitted)), "misfit": solve.misfit(fitted)}
+    verdict = judge(world, fitted, stopped)
+    said = {"verdict": str(verdict), "stopped": stopped, "misfit": solve.misfit(fitted)}
     summary = report.summarise(world, settings, fitted, notes) | said
     return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface, depth, signals)
 
@@ -134,12 +135,18 @@ def unknown_of_all(settings: Settings) -> tuple[str, ...]:
     return tuple(name for name in settings.shared if not as_told.get(name))
 
 
-def decide(when: str, world: World, fitted: Fitted | None, settings: Settings) -> tuple[World, bool]:
-    """Decide on all effects of a time, in order; gives the world with those that count, and whether any does."""
-    changed = False
-    for effect in EFFECTS:
-        if effect.when != when:
-            continue
+def decide(
+    when: str, world: World, fitted: Fitted | None, settings: Settings, progress: Progress = silent
+) -> tuple[World, bool]:
+    """Decide on all effects of a time, in order; gives the world with those that count, and whether any does.
+
+    Where `progress` gives True nothing is decided: the world stays that of the fit.
+    """
+    before, changed = world, False
+    effects = [effect for effect in EFFECTS if effect.when == when]
+    for k, effect in enumerate(effects):
+        if progress(f"decide on {effect.name}", (k + 1) / len(effects)):
+            return before, False
         decision = effect.decide(getattr(settings, effect.option, "auto"), world, fitted)
         if decision is None:
             continue
@@ -150,12 +157,12 @@ def decide(when: str, world: World, fitted: Fitted | None, settings: Settings) -
 
 
 def settle_events(
-    world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Callable[[str, float], None]
+    world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
 ) -> tuple[World, Fitted]:
     """Infer what pixels share and fit again; where that turns normals far, infer it again from there."""
     told, good = world, None
     for _ in range(MOST_ROUNDS):
-        world, changed = decide("alone", told, fitted, settings)
+        world, changed = decide("alone", told, fitted, settings, progress)
         if not changed:
             break
         new = solve(world.problem(fitted), fitted, "again", progress)
@@ -181,9 +188,7 @@ def refuse(told: World, world: World) -> World:
     return replace(told, decisions=world.decisions | taken)
 
 
-def settle(
-    world: World, light, fitted: Fitted, solve: Decoder, progress: Callable[[str, float], None]
-) -> tuple[Fitted, dict]:
+def settle(world: World, light, fitted: Fitted, solve: Decoder, progress: Progress) -> tuple[Fitted, dict]:
     """Trace light on what was fitted and fit again, until the light no longer changes; `light` is that before."""
     first = 0.0
     for round_ in range(MOST_ROUNDS):
@@ -194,7 +199,8 @@ def settle(
             break
         light = new
         fitted = solve(world.problem(fitted, ROUND_RAYS), fitted, "quick", progress)
-        progress("light and shape", (round_ + 1) / MOST_ROUNDS)
+        if progress("light and shape", (round_ + 1) / MOST_ROUNDS):
+            break
     note = (
         f"{round_ + 1}: tracing anew would turn normals by {change:.2g} degrees in the last, "
         f"{first:.2g} in the first"

@@ -41,8 +41,8 @@ class Verdict:
         return f"{DOUBTFUL}: {' '.join(self.doubts)}" if self.doubts else TRUSTWORTHY
 
 
-def judge(world: World, fitted: Fitted) -> Verdict:
-    """Judge a fit, and warn its user of what they should look into."""
+def judge(world: World, fitted: Fitted, stopped: bool = False) -> Verdict:
+    """Judge a fit, stopped early or not, and warn its user of what they should look into."""
     ring = world.ring
     if ring.constant_light == 0:
         warn(
@@ -52,6 +52,9 @@ def judge(world: World, fitted: Fitted) -> Verdict:
     contradictions = tuple(contradictions_of(world, fitted))
     # Under a contradiction what else is odd comes of that
     doubts = tuple(ignorance(world, fitted)) + (() if contradictions else tuple(doubts_of(world, fitted)))
+    if stopped:
+        early = "this fit was stopped early, so that errors may be larger than sigmas say; let it end."
+        doubts = (f"{world.recording.source}: {early}", *doubts)
     for sentence in (*doubts, *contradictions):
         warn(sentence)
     return Verdict(contradictions, doubts)

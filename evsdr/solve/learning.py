@@ -12,7 +12,7 @@ from evsdr.solve.neighbours.posterior import Priors, find_posterior
 from evsdr.solve.noise import IGNORED, NOISE_RANGE, measured, noise_factors, scatter_of, slot_factors, slotted
 from evsdr.solve.pair_data import without
 from evsdr.solve.solution import Data, State
-from evsdr.solve.stages import ALL_TERMS, Terms, silent, softness_at
+from evsdr.solve.stages import ALL_TERMS, Terms, softness_at
 from evsdr.solve.system import system_of
 from evsdr.solve.threshold_spread import MOVING_SPREAD, learn_spread
 from evsdr.solve.tuning import Tuning
@@ -52,15 +52,15 @@ class ThresholdSpread:
             return state
         for round_ in range(self.n_round):
             state = measured(data, state)
-            state = descended(data, state, self.terms.loss(data), self.n_step, self.tolerance, silent)
+            loss = self.terms.loss(data)
+            state = descended(data, state, loss, self.n_step, self.tolerance, self.name, progress)
             parts = split(state.terms, len(state.theta))
             spread = learn_spread(
                 state.theta, *parts, state.spread, curvature(data, state.theta), MOVING_SPREAD
             )
             moved = max(abs(float(a[0] - b[0])) for a, b in zip(spread[:2], state.spread[:2]))
             state = replace(state, spread=spread)
-            progress(self.name, (round_ + 1) / self.n_round)
-            if moved < MEAN_SETTLED:
+            if progress(self.name, (round_ + 1) / self.n_round) or moved < MEAN_SETTLED:
                 break
         return state
 
@@ -94,8 +94,9 @@ class Respread:
             parts = split(terms, len(state.theta))
             spread = learn_spread(state.theta, *parts, state.spread, curvature(data, state.theta))
             moved = max(abs(float(a[0] - b[0])) for a, b in zip(spread[:2], state.spread[:2]))
-            state = descended(data, replace(state, spread=spread), loss, self.n_step, self.tolerance, silent)
-            if moved < MEAN_SETTLED:
+            state = replace(state, spread=spread)
+            state = descended(data, state, loss, self.n_step, self.tolerance, self.name, progress)
+            if progress(self.name, (round_ + 1) / self.n_round) or moved < MEAN_SETTLED:
                 break
         return state
 

@@ -11,6 +11,7 @@ import drjit as dr
 
 from evsdr.frozen import recorded
 from evsdr.model.illumination import pixel_horizon
+from evsdr.progress import Progress, silent
 from evsdr.solve import triangles
 from evsdr.solve.loss import Loss, pixel_terms
 from evsdr.solve.solution import Data, State
@@ -90,9 +91,9 @@ def descend(
     theta: list,
     n_step: int,
     tolerance: float,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], bool | None] = silent,
 ) -> tuple[list, list, int, float]:
-    """Make steps until hardly a pixel gains, or they are used up.
+    """Make steps until hardly a pixel gains, they are used up, or `progress` gives True.
 
     Parameters
     ----------
@@ -116,15 +117,16 @@ def descend(
     while made < n_step:
         theta, terms, damping, gaining = step(system, theta, terms, damping, enough)
         made, still_open = made + 1, float(gaining[0]) / n_pixel  # waits, so that Ctrl-C is heard
-        progress(made / n_step)
-        if still_open < OPEN_SHARE:
+        if progress(made / n_step) or still_open < OPEN_SHARE:
             break
     return theta, terms, made, still_open
 
 
-def descended(data: Data, state: State, loss: Loss, n_step: int, tolerance: float, progress) -> State:
-    """Descend from a state on the pairs that it hears."""
+def descended(
+    data: Data, state: State, loss: Loss, n_step: int, tolerance: float, name: str, progress: Progress
+) -> State:
+    """Descend from a state on the pairs that it hears; `progress` is told the name of the stage."""
     theta, terms, made, still_open = descend(
-        system_of(data, state, loss), state.theta, n_step, tolerance, progress
+        system_of(data, state, loss), state.theta, n_step, tolerance, lambda share: progress(name, share)
     )
     return replace(state, theta=theta, terms=terms, n_step=state.n_step + made, open=still_open)

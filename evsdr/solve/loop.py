@@ -8,11 +8,12 @@ import numpy as np
 
 from evsdr.frozen import no_garbage_collection
 from evsdr.model.arrays import columns
+from evsdr.progress import Progress, silent
 from evsdr.solve.grid import Grid
 from evsdr.solve.levenberg import OPEN_SHARE
 from evsdr.solve.pair_data import PairData, room_for, thin
 from evsdr.solve.solution import NO_INFORMATION, SETTLED, STEPS_USED_UP, Data, Passed, Solution, State
-from evsdr.solve.stages import Progress, Stage, mean, silent
+from evsdr.solve.stages import Stage, mean
 from evsdr.solve.threshold_spread import first_spread
 
 
@@ -28,8 +29,8 @@ def solve(data: Data, recipe: tuple[Stage, ...], start: State, progress: Progres
         See `recipes`; the last ones must be `PixelNoise` and `Neighbours`.
     start : State
         See `start_of` and `resume`.
-    progress : callable (stage, share)
-        Told what is done, share 0..1.
+    progress : callable (stage, share) -> bool, optional
+        Told what is done, share 0..1; once it gives True, each stage that is left makes hardly a step.
 
     Returns
     -------

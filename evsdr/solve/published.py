@@ -6,7 +6,6 @@ consistency; here a pair counts less where the normal is within `GATE_DEG` of th
 normals and coefficients are pulled toward their own Gaussian blur.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import drjit as dr
@@ -17,6 +16,7 @@ from evsdr.frozen import no_garbage_collection
 from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import led_signals
+from evsdr.progress import Progress, silent
 from evsdr.solve.loss import relative_residual
 from evsdr.solve.noise import MEDIAN_TO_SIGMA
 from evsdr.solve.pair_data import PairData, ends, every_pair, signal_table
@@ -142,7 +142,7 @@ def solve(
     shape: tuple[int, int],
     settings: AdamSettings = AdamSettings(),
     seed: int = 0,
-    progress: Callable[[str, float], None] = lambda stage, share: None,
+    progress: Progress = silent,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fit normals and low-rank reflectance to event pairs by AdamW.
 
@@ -180,7 +180,8 @@ def solve(
         step(optimiser, decoder, blur(maps, place, shape, settings), width)
         dr.eval(optimiser)
         dr.sync_thread()
-        progress("AdamW", (i + 1) / settings.n_step)
+        if progress("AdamW", (i + 1) / settings.n_step):
+            break
     normal = np.stack([optimiser[name].numpy() for name in NORMAL], axis=-1)
     reflectance = np.stack([r.numpy() for r in decoder.reflectance(optimiser)], axis=-1)
     return normal, reflectance

@@ -3,20 +3,18 @@
 Each stage is a record of how hard it tries, and a function from state to state.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import drjit as dr
 
+from evsdr.progress import Progress
 from evsdr.solve.grid import NEXT
 from evsdr.solve.levenberg import OPEN_SHARE, descend, descended, gather, horizon, keep_better
 from evsdr.solve.loss import Loss
 from evsdr.solve.noise import measured
 from evsdr.solve.solution import Data, State
 from evsdr.solve.system import system_of
-
-Progress = Callable[[str, float], None]
 
 
 class Stage(Protocol):
@@ -25,7 +23,7 @@ class Stage(Protocol):
     name: str
 
     def __call__(self, data: Data, state: State, progress: Progress) -> State:
-        """Give a new state."""
+        """Give a new state, soon if `progress` gives True."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +68,7 @@ class Descend:
         softness = data.model.illumination.horizon if self.softness is None else self.softness
         state = replace(state, softness=dr.opaque(type(data.constant_light), softness))
         state = measured(data, state) if self.noise is None else replace(state, noise=self.noise)
-        told = lambda share: progress(self.name, share)  # noqa: E731
-        return descended(data, state, self.terms.loss(data), self.n_step, self.tolerance, told)
+        return descended(data, state, self.terms.loss(data), self.n_step, self.tolerance, self.name, progress)
 
 
 @dataclass(frozen=True)
@@ -94,7 +91,7 @@ class Starts:
     name: str = "starts"
 
     def __call__(self, data, state, progress):
-        system, made = system_of(data, state, PAIRS.loss(data)), 0
+        system, made, enough = system_of(data, state, PAIRS.loss(data)), 0, False
         theta, terms = state.theta, state.terms
         for sweep in range(self.n_sweep):
             before = terms[0]
@@ -103,9 +100,11 @@ class Starts:
                 *candidate, n, _ = descend(system, candidate, self.n_try, self.tolerance)
                 theta, terms = keep_better(theta, terms, *candidate)
                 made += n
-                progress(self.name, (sweep + (i + 1) / len(NEXT)) / self.n_sweep)
+                enough = progress(self.name, (sweep + (i + 1) / len(NEXT)) / self.n_sweep)
+                if enough:
+                    break
             gained = mean(dr.select(before - terms[0] > self.tolerance, type(before)(1.0), 0.0))
-            if gained < OPEN_SHARE:
+            if enough or gained < OPEN_SHARE:
                 break
         return replace(state, theta=theta, terms=terms, n_step=state.n_step + made)
 
@@ -137,7 +136,8 @@ class SoftHorizon:
 
     def __call__(self, data, state, progress):
         curved = replace(state, softness=softness_at(data, state.theta), curved=True)
-        curved = descended(data, curved, self.terms.loss(data), self.n_step, self.tolerance, silent)
+        loss = self.terms.loss(data)
+        curved = descended(data, curved, loss, self.n_step, self.tolerance, self.name, progress)
         gain = float(dr.sum(state.terms[0] - curved.terms[0])[0])
         return curved if gain > 0 else replace(state, n_step=curved.n_step)
 
@@ -151,7 +151,3 @@ def softness_at(data: Data, theta: list):
 def mean(values) -> float:
     """Give the mean of an array; the kernel of `dr.mean` would hold its size."""
     return float(dr.sum(values)[0]) / dr.width(values)
-
-
-def silent(*_) -> None:
-    """Tell nobody."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evsdr.errors import InputError
-from evsdr.files.maps import read_maps
+from evsdr.files.maps import read_maps, read_results
 from evsdr.files.results import write_results
 from evsdr.records import Maps
 
@@ -61,3 +61,20 @@ def test_no_file_and_no_archive(tmp_path):
     (tmp_path / "maps.npz").write_bytes(b"PK\x03\x04 cut short")
     with pytest.raises(InputError, match="not a readable .npz archive"):
         read_maps(tmp_path / "maps.npz")
+
+
+def test_results_that_are_not_of_one_fit_are_refused(maps, tmp_path):
+    write_results(tmp_path, maps, {"verdict": "trustworthy"})
+    again, summary = read_results(tmp_path)
+    np.testing.assert_array_equal(again.normal, maps.normal)
+    assert summary["verdict"] == "trustworthy" and "normal.exr" in summary["files"]
+    with open(tmp_path / "normal.exr", "ab") as file:
+        file.write(b"more")
+    with pytest.raises(InputError, match="normal.exr: this is not the file that"):
+        read_results(tmp_path)
+    (tmp_path / "normal.exr").unlink()
+    with pytest.raises(InputError, match="normal.exr: there is no such file, but"):
+        read_results(tmp_path)
+    (tmp_path / "summary.json").write_text("{}")
+    with pytest.raises(InputError, match="it names no files"):
+        read_results(tmp_path)

@@ -124,6 +124,7 @@ def test_summary(tmp_path, maps):
     numbers = {"mae_deg": np.float32(1.5), "n_event": np.int64(7), "seconds": {"read": 0.25}}
     write_results(tmp_path, maps, numbers | {"modelled": np.bool_(True), "slots": np.arange(3), "why": "dim"})
     summary = json.loads((tmp_path / "summary.json").read_text())
+    assert set(summary.pop("files")) == FILES - {"summary.json"}
     assert summary == {
         "mae_deg": 1.5,
         "n_event": 7,

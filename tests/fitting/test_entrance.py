@@ -82,6 +82,26 @@ def test_progress_and_seconds(given):
     assert all(0 <= share <= 1 for _, share in told) and any(", " in stage for stage, _ in told)
 
 
+@pytest.mark.parametrize("when", ["solve, descent", "neighbours, decide on LED powers"])
+def test_a_fit_that_is_told_to_end_keeps_the_best_so_far(given, tmp_path, when):
+    came = []
+
+    def progress(stage, share):
+        came.append(stage == when or any(came))
+        return came[-1]
+
+    with pytest.warns(evsdr.InputWarning, match="this fit was stopped early"):
+        found = evsdr.fit(*given, evsdr.Settings(), progress=progress)
+    whole = evsdr.fit(*given, evsdr.Settings())
+    assert found.summary["stopped"] and not whole.summary["stopped"]
+    assert "stopped early" in found.verdict and found.verdict.startswith("doubtful")
+    assert found.summary["numbers"]["steps"] < 0.7 * whole.summary["numbers"]["steps"]
+    assert np.count_nonzero(found.maps.mask) > 0.9 * np.count_nonzero(whole.maps.mask)
+    assert "LED powers" not in found.decisions  # what is decided but not fitted does not count
+    found.save(tmp_path)
+    assert evsdr.read_results(tmp_path)[1]["stopped"]
+
+
 def test_a_mask_of_another_size_is_refused(given):
     with pytest.raises(evsdr.InputError, match="^the mask has shape"):
         evsdr.fit(*given, FAST, mask=np.ones((WIDTH, HEIGHT)))

@@ -44,6 +44,12 @@ def test_what_a_user_should_look_into(given, fit, words):
     assert said(words, world(**given), fitted(**fit)).startswith("doubtful: b.h5: ")
 
 
+def test_a_fit_that_was_stopped_is_doubtful():
+    assert said("stopped early", world(), fitted(), True).startswith(
+        "doubtful: b.h5: this fit was stopped early"
+    )
+
+
 def test_what_is_not_modelled_does_not_warn():
     given = world(decisions={"wiring": replace(MENDED, modelled=False)})
     assert str(judge(given, fitted())) == TRUSTWORTHY

@@ -56,6 +56,21 @@ def test_a_recording_of_another_size_runs_the_same_kernels(small):
             assert np.median(np.abs(one.covariance / other.covariance - 1)) < 0.01
 
 
+@pytest.mark.parametrize("after", [0, 20])
+def test_a_solve_that_shall_end_soon_does(small, after):
+    """Each stage that is left makes hardly a step, and what is known is said all the same."""
+    problem, truth = small
+    effort, told = Effort(priors=Priors(n_draw=1)), []
+    solution = solve(
+        problem, effort, thresholds=True, progress=lambda *what: told.append(what) or len(told) > after
+    )
+    whole = solve(problem, effort, thresholds=True)
+    stages = len(recipes.whole(effort))
+    assert [passed.stage for passed in solution.history] == [passed.stage for passed in whole.history]
+    assert solution.n_step < after + 2 * stages < whole.n_step
+    assert np.isfinite(solution.covariance).all() and np.isfinite(solution.theta).all()
+
+
 def test_another_recording_compiles_nothing(small):
     """What is learnt reaches kernels as arrays."""
     other = sphere_problem(12, event_noise=0.1, seed=7)[0]

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from evsdr.model.lambert import LambertianRing
+from evsdr.progress import silent
 from evsdr.solve.loop import data_of, start_of
 from evsdr.solve.solution import SETTLED
-from evsdr.solve.stages import AllPairs, Descend, Starts, silent
+from evsdr.solve.stages import AllPairs, Descend, Starts
 from evsdr.solve.unknowns import first_theta, to_normal
 from tests.support.sphere import ALONE, solve, sphere_problem
 

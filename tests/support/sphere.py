@@ -9,6 +9,7 @@ from evsdr.events.simulator import simulate_events
 from evsdr.metrics import angular_error_deg
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
+from evsdr.progress import silent
 from evsdr.records import Recording, Schedule, Sensor
 from evsdr.solve import loop, recipes
 from evsdr.solve.learning import Neighbours, PixelNoise
@@ -66,7 +67,7 @@ def sphere_problem(size: int, event_noise: float, **options):
     return make_problem(recording, pair_events(recording, mask), light, mask), normal[mask]
 
 
-def solve(problem, effort=ALONE, start=None, thresholds=False, model=None, recipe=None):
+def solve(problem, effort=ALONE, start=None, thresholds=False, model=None, recipe=None, progress=silent):
     """Solve from frontal normals by the recipe of an effort; the surface is matt by default."""
     light, model = problem.illumination, model or LambertianRing(problem.illumination)
     given = problem.pairs, light.constant_light, problem.grid, effort.width(thresholds)
@@ -74,7 +75,7 @@ def solve(problem, effort=ALONE, start=None, thresholds=False, model=None, recip
     frontal = np.tile([0.0, 0.0, 1.0], (problem.n_pixel, 1))
     start = start or first_theta(frontal, light.n_band, thresholds, mi.Float)
     recipe = recipe or recipes.whole(effort)
-    return loop.solve(data, recipe, loop.start_of(data, start, effort.n_early))
+    return loop.solve(data, recipe, loop.start_of(data, start, effort.n_early), progress)
 
 
 def errors(solution, truth, spectrum=SPECTRUM):

@@ -21,6 +21,7 @@ import numpy as np
 from scipy import ndimage
 
 from evsdr.frozen import recorded
+from evsdr.progress import Progress, silent
 from evsdr.solve import triangles
 from evsdr.solve.grid import Grid, Links
 from evsdr.solve.neighbours import system as joint
@@ -103,7 +104,7 @@ def find_posterior(
     grid: Grid,
     unknowns: Unknowns,
     priors: Priors,
-    progress: Callable[[str, float], None] = lambda stage, share: None,
+    progress: Progress = silent,
 ) -> Posterior:
     """Let pixels learn from each other.
 
@@ -138,9 +139,8 @@ def find_posterior(
         for _ in range(most):
             now, gain = _climb(now, terms_at, freedom, colours, links, sample)
             made += 1
-            progress("neighbours", made / (N_SMOOTH + priors.n_round + 1))
             still_open = float(gain > priors.tolerance * dr.width(damping))
-            if not still_open:
+            if progress("neighbours", made / (N_SMOOTH + priors.n_round + 1)) or not still_open:
                 break
     system, inverse, _ = _system(
         replace(now, damping=dr.zeros(Float, dr.width(damping))), freedom, colours, links
