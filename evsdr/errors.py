@@ -1,6 +1,7 @@
 """What goes wrong with input, as plain sentences, and checks that many share."""
 
 import math
+from pathlib import Path
 
 
 class InputError(Exception):
@@ -37,12 +38,37 @@ def check_range(name: str, value: int, least: int, most: int = 2**32 - 1) -> Non
 
 
 def free_memory() -> float:
-    """Give the memory that is free [bytes]; infinite where the system does not tell."""
+    """Give the memory that is free [bytes] for this process; infinite where the system does not tell."""
+    return min(_of_machine(), _of_process(), _of_container())
+
+
+def _of_machine() -> float:
     try:
-        with open("/proc/meminfo", encoding="ascii") as file:
-            rows = dict(line.split(":") for line in file)
+        rows = dict(line.split(":") for line in Path("/proc/meminfo").read_text("ascii").splitlines())
         return 1024.0 * int(rows["MemAvailable"].split()[0])
     except (OSError, ValueError, KeyError):
+        return math.inf
+
+
+def _of_process() -> float:
+    """Give what `ulimit -v` leaves."""
+    try:
+        import resource  # not on Windows
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        used = int(Path("/proc/self/statm").read_text("ascii").split()[0]) * resource.getpagesize()
+        return math.inf if limit == resource.RLIM_INFINITY else max(limit - used, 0.0)
+    except (ImportError, OSError, ValueError):
+        return math.inf
+
+
+def _of_container(folder: Path = Path("/sys/fs/cgroup")) -> float:
+    """Give what the limit of a control group leaves; files that are only cached count as free."""
+    try:
+        limit, used = (int((folder / f"memory.{name}").read_text("ascii")) for name in ("max", "current"))
+        rows = dict(line.split() for line in (folder / "memory.stat").read_text("ascii").splitlines())
+        return max(limit - used + float(rows["inactive_file"]), 0.0)
+    except (OSError, ValueError, KeyError):  # a limit of `max` is none
         return math.inf
 
 

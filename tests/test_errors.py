@@ -1,5 +1,7 @@
 """Checks that many commands share."""
 
+import math
+
 import pytest
 
 from evsdr import errors
@@ -26,6 +28,19 @@ def test_number_in_range(value):
 def test_number_out_of_range(value):
     with pytest.raises(InputError, match=f"^--n is {value}; give a whole number from 1 to 4294967295.$"):
         check_range("--n", value, 1)
+
+
+def test_limits_of_a_process_and_of_a_container_count(tmp_path, monkeypatch):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (1 << 50, 1 << 50))
+    assert (1 << 49) < errors._of_process() < (1 << 50)
+    assert free_memory() < 1 << 49 and resource.getrlimit(0) != before
+    for name, text in (("max", "3000\n"), ("current", "1000\n"), ("stat", "file 300\ninactive_file 200\n")):
+        (tmp_path / f"memory.{name}").write_text(text)
+    assert errors._of_container(tmp_path) == 2200
+    (tmp_path / "memory.max").write_text("max\n")
+    assert errors._of_container(tmp_path) == math.inf
 
 
 def test_work_beyond_the_free_memory_is_refused(monkeypatch):

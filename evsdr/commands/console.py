@@ -1,5 +1,6 @@
 """What the commands share: options, plain sentences for errors and warnings, progress, seconds per stage."""
 
+import errno
 import os
 import platform
 import shlex
@@ -60,16 +61,14 @@ def run_command(
             return 2
         except KeyboardInterrupt as stop:
             return stopped_by(came[0] if came else signal.SIGINT, str(stop))
-        except MemoryError:
-            print(f"error: the memory ran out; {LESS}.", file=sys.stderr)
-            return UNFORESEEN
         except BrokenPipeError:  # who read the output has gone
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return UNFORESEEN
         except Exception as error:
             if came:  # compiled code makes other errors of it
                 return stopped_by(came[0], "")
-            print(f"error: {_unforeseen(name, argv, error)}", file=sys.stderr)
+            what = f"the memory ran out; {LESS}." if _of_memory(error) else _unforeseen(name, argv, error)
+            print(f"error: {what}", file=sys.stderr)
             return UNFORESEEN
 
 
@@ -78,6 +77,16 @@ def stopped_by(number: int, what: str) -> int:
     with suppress(OSError):  # the terminal may be gone
         print(f"stopped; {what or 'nothing was written.'}", file=sys.stderr, flush=True)
     return 128 + number
+
+
+def _of_memory(error: Exception) -> bool:
+    """Tell whether memory ran out; Dr.Jit has words of its own for that."""
+    if isinstance(error, OSError):
+        return error.errno == errno.ENOMEM
+    words = ("out of memory", "allocation cache", "bad_alloc")
+    return isinstance(error, MemoryError) or (
+        isinstance(error, RuntimeError) and any(word in str(error) for word in words)
+    )
 
 
 def _unforeseen(name: str, argv: list[str] | None, error: Exception) -> str:

@@ -15,6 +15,7 @@ from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError
 from evsdr.rig.driver import N_LED, Ring, RingSettings, find_port
 from evsdr.rig.log import write_ring_log
+from evsdr.signals import undisturbed
 
 TEST_US = 300_000  # that each LED shines in a test
 WHY = {
@@ -97,10 +98,11 @@ def run(ring: Ring, settings: RingSettings, path: Path) -> None:
             task = progress.add_task("", total=settings.rounds or None)
             ring.run(settings, lambda done: progress.update(task, completed=done))
     except KeyboardInterrupt:
-        ring.stop()
-        if ring.log is None:
-            raise
-        write_ring_log(path, ring.log)
+        with undisturbed():
+            ring.stop()
+            if ring.log is None:
+                raise
+            write_ring_log(path, ring.log)
         raise _Stopped(f"{ring.log.rounds_done} rounds are complete, {path} tells of them.") from None
     write_ring_log(path, ring.log)
     if ring.log.ended in WHY:

@@ -134,12 +134,16 @@ def check_folder(folder: Path) -> None:
     InputError
         A file of that name is in the way, or it can't be written.
     """
-    levels = [level for level in (folder, *folder.parents) if level.exists()]
+    levels = [level for level in (folder, *folder.absolute().parents) if level.exists()]
     for level in levels:
         if not level.is_dir():
             raise InputError(f"{level}: a file of that name is in the way; give another folder by --out.")
-    if levels and not os.access(levels[0], os.W_OK | os.X_OK):
-        raise InputError(f"{levels[0]}: cannot be written; give another folder by --out.")
+    try:
+        os.rmdir(
+            mkdtemp(prefix=PREFIX, dir=levels[0])
+        )  # asking would not do: the super-user may write anywhere
+    except OSError as error:
+        raise _unwritable(folder, error) from error
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:

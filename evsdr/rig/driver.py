@@ -18,6 +18,7 @@ from serial.tools import list_ports
 from evsdr.errors import InputError
 from evsdr.rig.log import RunLog
 from evsdr.rig.protocol import BAUD, BOOT_S, PROTOCOL, Link, RingLost, RingRefused
+from evsdr.signals import undisturbed
 
 N_LED = 24
 MAX_SLOTS = 64
@@ -178,14 +179,15 @@ class Ring:
         return self
 
     def __exit__(self, *_) -> None:
-        try:
-            self.stop()
-            with contextlib.suppress(RingLost, RingRefused):
-                self._link.ask("LIGHT 0")
-        finally:
-            self._closing.set()
-            self._thread.join()
-            self._serial.close()
+        with undisturbed():
+            try:
+                self.stop()
+                with contextlib.suppress(RingLost, RingRefused):
+                    self._link.ask("LIGHT 0")
+            finally:
+                self._closing.set()
+                self._thread.join()
+                self._serial.close()
 
     def _meet(self) -> None:
         try:
