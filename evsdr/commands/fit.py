@@ -124,9 +124,9 @@ def recover(options: Options, patience: Patience) -> Fit:
             truth = options.truth and read_truth(options.truth, scene.height, scene.width, scene.leds.n_band)
 
         def progress(stage: str, share: float) -> bool:
-            stages.show("stopping; once more to end at once" if patience.came else stage, share)
             if stage.startswith(SOLVE):
                 patience.begin()
+            stages.show("stopping; once more to end at once" if patience.came else stage, share)
             return patience.came is not None
 
         found = fit(scene, recording, settings, options.mask, progress)

@@ -256,7 +256,8 @@ def test_command_tells_of_a_run_that_broke_off(tmp_path, capsys):
     assert json.loads(path.read_text())["ended"] == "reset"
 
 
-def test_ctrl_c_ends_dark(tmp_path):
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_stop_ends_dark_and_writes_the_log(tmp_path, name):
     path = tmp_path / "ring.json"
     with FakeRing() as fake:
         words = ["-m", "evsdr.ring", "run", "--port", fake.port, "--rounds", "0", "--log", str(path)]
@@ -270,12 +271,12 @@ def test_ctrl_c_ends_dark(tmp_path):
             ),  # a shell's background jobs ignore it
         ) as host:
             wait_for(lambda: fake.rounds)
-            host.send_signal(signal.SIGINT)
+            host.send_signal(getattr(signal, name))
             try:
                 _, err = host.communicate(timeout=20)
             finally:
                 host.kill()
-        assert host.returncode == 130
+        assert host.returncode == 128 + getattr(signal, name)
         assert err.startswith("stopped; ") and "ring.json" in err
         assert not fake.lit
     assert json.loads(path.read_text())["ended"] == "stopped"
