@@ -29,24 +29,24 @@ function makeCompare(fit, byId, changed) {
   for (const id of ["compared", "way"]) byId(id).addEventListener("change", changed);
   byId("split").addEventListener("input", changed);
 
-  // Paint the comparison on a canvas; gives what the colours mean, null with no other fit.
+  // Paint the comparison on a canvas; without another fit, the first map of this one.
   const draw = async (canvas) => {
     const mine = ++round, split = Number(byId("split").value) / 100;
     byId("split-said").textContent = `${Math.round(100 * split)} %`;
     const context = canvas.getContext("2d"), image = context.createImageData(fit.width, fit.height);
     const [map, theirs] = other ? shared().find(([map]) => map.id === byId("compared").value) : [mapsOf(fit)[0], null];
-    const first = await prepare(fit, map);
-    if (!other) paint(image, fit, map, first);
-    else if (byId("way").value === "side") {
-      const second = await prepare(other, theirs, first.ends), at = Math.round(split * fit.width);
-      paint(image, fit, map, first, 1, at);
-      paint(image, other, theirs, second, 1, Infinity, at);
+    let ready = await prepare(fit, map), unit = map.unit ?? "";
+    if (other && byId("way").value === "difference") {
+      const { both, shown, away } = await difference(fit, other, map, theirs);
+      paint(image, both, shown, away);
+      [ready, unit] = [away, shown.unit ?? ""];
     } else {
-      const { shown, away } = await difference(fit, other, map, theirs);
-      paint(image, fit, shown, away);
-      first.ends = away.ends;
+      paint(image, fit, map, ready);
+      if (other) paint(image, other, theirs, await prepare(other, theirs, ready.ends), 1, Math.round(split * fit.width));
     }
-    if (mine === round) context.putImageData(image, 0, 0);
+    if (mine !== round) return;
+    context.putImageData(image, 0, 0);
+    byId("compare-scale").textContent = ready.ends ? `Colours from ${say(ready.ends[0])}${unit} (dark) to ${say(ready.ends[1])}${unit} (bright).` : "";
   };
   return { draw, get split() { return other && byId("way").value === "side" ? Number(byId("split").value) / 100 : null; } };
 }
@@ -72,7 +72,7 @@ function angles(fit, other, ours, theirs, to) {
   return out;
 }
 
-// A map of differences: angles of normals, absolute differences of values, distance of colours.
+// A map of differences where both are known: angles of normals, absolute differences of values, distance of colours.
 async function difference(fit, other, map, theirs) {
   const to = matched(fit, other, map.bit);
   let values;
@@ -84,8 +84,9 @@ async function difference(fit, other, map, theirs) {
     const [a, b] = [await map.values(), await theirs.values()];
     values = Float32Array.from(to, (j, i) => (j < 0 ? 0 : Math.abs(a[i] - b[j])));
   }
-  const shown = { ...map, colours: null, ramp: "heat", zero: true, flip: false };
-  return { shown, away: { values, ends: rangeOf(fit, shown, values) } };
+  const both = { ...fit, state: fit.state.map((bits, at) => (other.state[at] & map.bit ? bits : 0)) };
+  const shown = { ...map, colours: null, ramp: "heat", zero: true, flip: false, unit: map.id === "normal" ? "°" : map.unit };
+  return { both, shown, away: { values, ends: rangeOf(both, shown, values) } };
 }
 
 async function differences(fit, other) {

@@ -12,7 +12,7 @@ async function main() {
   const contents = JSON.parse(byId("evsdr-report").textContent);
   const fit = await openReport(contents, contents.title);
   const [normal, reflectance, points, ties] = [await fit.layer("normal"), await fit.layer("reflectance"), await surfacePoints(fit), await fit.layer("ties")];
-  const view = { tab: "light", chosen: middleOf(fit), yaw: 0, pitch: 0, zoom: 1 }, size = points && extent(fit, points);
+  const view = { tab: "light", chosen: middleOf(fit), yaw: 0, pitch: 0, zoom: 1, scale: 1, middle: [0.5, 0.5] }, size = points && extent(fit, points);
   byId("frame").style.aspectRatio = `${fit.width} / ${fit.height}`;
   byId("frame").style.setProperty("--shape", String(fit.width / fit.height));
   byId("frame").classList.toggle("coarse", Math.max(fit.width, fit.height) < 128);
@@ -122,7 +122,9 @@ async function main() {
     else if (view.tab === "compare") compare.draw(byId("flat"));
     else showMap();
     const split = view.tab === "compare" ? compare.split : null;
-    drawMarks(byId("marks"), fit, { chosen: view.chosen, hatch: byId("hatch").checked && view.tab !== "shape", split, bare: view.tab === "shape" });
+    const frame = framing(view.scale, view.middle);
+    for (const id of ["lit", "flat"]) byId(id).style.transform = `translate(${100 * frame.left}%, ${100 * frame.top}%) scale(${frame.scale})`;
+    drawMarks(byId("marks"), fit, { frame, chosen: view.chosen, hatch: byId("hatch").checked && view.tab !== "shape", split, bare: view.tab === "shape" });
   };
   const tabs = makeTabs(byId, (name) => {
     view.tab = name;
@@ -138,6 +140,7 @@ async function main() {
   byId("hatch").addEventListener("change", show);
   byId("map").addEventListener("change", () => { ends = null; show(); });
   for (const id of ["low", "high"]) byId(id).addEventListener("change", () => { ends = [Number(byId("low").value), Number(byId("high").value)]; show(); });
+  for (const [id, factor] of [["nearer", 1.5], ["farther", 1 / 1.5]]) byId(id).addEventListener("click", () => enlarge(factor));
   byId("reset-scale").addEventListener("click", () => { ends = null; show(); });
   byId("reset-light").addEventListener("click", resetLight);
   byId("reset-shape").addEventListener("click", () => { [byId("yaw").value, byId("pitch").value, byId("relief").value, view.zoom] = ["0", "0", "1", 1]; show(); });
@@ -145,15 +148,32 @@ async function main() {
   byId("where").addEventListener("submit", (event) => event.preventDefault());
   [byId("column").max, byId("row").max] = [String(fit.width - 1), String(fit.height - 1)];
   const ratio = fit.width / fit.height;
+  const inside = (x, y) => {
+    const { scale, left, top } = framing(view.scale, view.middle);
+    return [(x - left) / scale, (y - top) / scale];
+  };
+  const pick = (x, y) => choose(...inside(x, y).map((v, k) => Math.floor(v * [fit.width, fit.height][k])));
+  const enlarge = (factor) => {
+    if (view.tab === "shape") view.zoom = Math.min(Math.max(view.zoom * factor, 0.5), 20);
+    else {
+      if (view.scale === 1) view.middle = [(view.chosen.x + 0.5) / fit.width, (view.chosen.y + 0.5) / fit.height];
+      view.scale = Math.min(Math.max(view.scale * factor, 1), 32);
+    }
+    show();
+  };
   watch(byId("frame"), {
-    click: (x, y) => view.tab !== "shape" && choose(Math.floor(x * fit.width), Math.floor(y * fit.height)),
+    click: (x, y) => view.tab !== "shape" && pick(x, y),
     drag: (x, y, dx, dy) => {
-      if (view.tab === "light") aim((2 * x - 1) * Math.max(ratio, 1), (1 - 2 * y) * Math.max(1 / ratio, 1));
+      if (view.tab === "maps" && view.scale > 1) {
+        const { scale, left, top } = framing(view.scale, view.middle);
+        view.middle = [(0.5 - left - dx) / scale, (0.5 - top - dy) / scale];
+        show();
+      } else if (view.tab === "light") aim((2 * x - 1) * Math.max(ratio, 1), (1 - 2 * y) * Math.max(1 / ratio, 1));
       else if (view.tab === "shape") turn(200 * dx, 200 * dy);
-      else if (view.tab === "compare") { byId("split").value = String(100 * Math.min(Math.max(x, 0), 1)); show(); }
-      else choose(Math.floor(x * fit.width), Math.floor(y * fit.height));
+      else if (view.tab === "compare") { byId("split").value = String(100 * Math.min(Math.max(inside(x, y)[0], 0), 1)); show(); }
+      else pick(x, y);
     },
-    zoom: (factor) => { view.zoom = Math.min(Math.max(view.zoom * factor, 0.5), 20); show(); },
+    zoom: enlarge,
     free: () => view.tab === "shape",
   });
   watch(byId("pad"), { click: (x, y) => aim(2.2 * x - 1.1, 1.1 - 2.2 * y), drag: (x, y) => aim(2.2 * x - 1.1, 1.1 - 2.2 * y) });
@@ -169,7 +189,7 @@ async function main() {
   byId("frame").addEventListener("keydown", (event) => {
     const acts = { light: nudge, shape: (x, y) => turn(5 * x, -5 * y) };
     if (arrows(event, acts[view.tab] ?? ((x, y) => choose(view.chosen.x + x, view.chosen.y - y)))) return;
-    if (view.tab === "shape" && "+-".includes(event.key)) { view.zoom *= event.key === "+" ? 1.1 : 1 / 1.1; show(); }
+    if ("+-".includes(event.key)) enlarge(event.key === "+" ? 1.25 : 0.8);
   });
   new ResizeObserver(() => show()).observe(byId("frame"));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => show());

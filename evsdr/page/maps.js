@@ -84,12 +84,12 @@ async function prepare(fit, map, ends) {
   return { values, ends: ends ?? rangeOf(fit, map, values) };
 }
 
-// Paint every `step`th pixel: fills the bytes of an image, transparent where the map does not hold.
-function paint(image, fit, map, { colours, values, ends }, step = 1, right = Infinity, left = 0) {
+// Paint every `step`th pixel from column `left` on: fills the bytes of an image, transparent where the map does not hold.
+function paint(image, fit, map, { colours, values, ends }, step = 1, left = 0) {
   const ramp = RAMPS[map.ramp], [low, high] = ends ?? [0, 1], data = image.data;
   for (let y = 0, k = 0; y < image.height; y++) {
     for (let x = 0; x < image.width; x++, k += 4) {
-      if (x < left || x >= right) continue;
+      if (x < left) continue;
       const at = y * step * fit.width + x * step, i = fit.place[at];
       if (i < 0 || !(fit.state[at] & map.bit)) data.set(NOTHING, k);
       else if (colours) data.set([colours[3 * i], colours[3 * i + 1], colours[3 * i + 2], 255], k);

@@ -86,7 +86,7 @@ function makeMesh(canvas, fit, normal, points, ties) {
     gl.uniform1i(made.at("lit"), view.lit ? 1 : 0);
     gl.drawElements(gl.TRIANGLES, face.length, gl.UNSIGNED_INT, 0);
   };
-  return { draw, tint, n_face: face.length / 3, size };
+  return { draw, tint, face, size };
 }
 
 // Turn about the upright axis, then tip toward the viewer; column after column.

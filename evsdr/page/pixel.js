@@ -36,18 +36,17 @@ async function valuesOf(fit, x, y) {
 function inWords(v) {
   if (!(v.bits & SOLVED)) return `Column ${v.x}, row ${v.y}: outside the object.`;
   const [nx, ny, nz] = v.normal, tilt = (Math.acos(Math.min(nz, 1)) * 180) / Math.PI, toward = (Math.atan2(ny, nx) * 180) / Math.PI;
-  const out = [`Column ${v.x}, row ${v.y}: normal (${say(nx)}, ${say(ny)}, ${say(nz)}), tilted ${say(tilt)}° toward ${compass(toward, tilt)}`];
+  const out = [`Column ${v.x}, row ${v.y}: normal (${say(nx)}, ${say(ny)}, ${say(nz)}), ${tilt < 0.5 ? "facing the camera" : `tilted ${say(tilt)}° toward ${WINDS[(Math.round(toward / 45) + 8) % 8]}`}`];
   if (v.bits & KNOWN) out[0] += v.normal_sigma_deg === null ? "." : `, 1 σ ${say(v.normal_sigma_deg, 2)}°.`;
   else out[0] += "; nothing is known here, values are those of neighbours.";
   if (v.bits & KNOWN && !(v.bits & SCALED)) out.push("How bright it is is not known, only its colour.");
-  if (v.depth !== null) out.push(`Depth ${say(v.depth, 4)}.`);
+  if (v.depth !== null) out.push(`Depth ${say(v.depth, 4)} in the scene's unit.`);
   if (v.events !== null) out.push(`${v.events} pairs of events${v.events ? `, which leave ${say(100 * v.residual, 2)} % of a threshold unexplained` : ""}.`);
   if (v.angle_deg !== null) out.push(`Off the truth by ${say(v.angle_deg, 2)}°${v.rmse === null ? "" : ` and ${say(v.rmse, 2)} in reflectance`}.`);
   return out.join(" ");
 }
 
 const WINDS = ["the right", "the upper right", "the top", "the upper left", "the left", "the lower left", "the bottom", "the lower right"];
-const compass = (degrees, tilt) => (tilt < 0.5 ? "nowhere" : WINDS[(Math.round(degrees / 45) + 8) % 8]);
 
 async function showPixel(fit, x, y) {
   const v = await valuesOf(fit, x, y), place = (id, ...parts) => document.getElementById(id).replaceChildren(...parts);

@@ -1,10 +1,16 @@
 // The viewer: tabs, what lies on the picture, and how pointer and keys move light, surface and pixel.
 const KEYS = {
-  light: "Arrow keys move the lamp; a click shows the values of a pixel.",
-  maps: "Arrow keys go from pixel to pixel, with Shift ten at a time; a click shows the values of a pixel.",
+  light: "Arrow keys move the lamp, + and − zoom; a click shows the values of a pixel.",
+  maps: "Arrow keys go from pixel to pixel, with Shift ten at a time, + and − zoom; a click shows the values of a pixel.",
   shape: "Arrow keys turn the surface, + and − zoom.",
-  compare: "Arrow keys go from pixel to pixel; drag to move the divider.",
+  compare: "Arrow keys go from pixel to pixel, + and − zoom; drag to move the divider.",
 };
+
+// Where a picture lies in its frame when it is enlarged about a place: scale, left and top as shares of the frame.
+function framing(scale, [x, y]) {
+  const start = (at) => Math.min(Math.max(0.5 - at * scale, 1 - scale), 0);
+  return { scale, left: start(x), top: start(y) };
+}
 
 function makeTabs(byId, chosen) {
   const names = ["light", "maps", "shape", "compare"], tabs = names.map((name) => byId(`tab-${name}`));
@@ -63,23 +69,24 @@ function watch(element, { drag, click, zoom, free }) {
   element.addEventListener("pointerup", up);
   element.addEventListener("pointercancel", up);
   element.addEventListener("wheel", (event) => {
-    if (!zoom || !free()) return;
+    if (!zoom || !(free() || event.ctrlKey)) return; // else the page scrolls
     event.preventDefault();
     zoom(Math.exp(-event.deltaY / 500));
   }, { passive: false });
 }
 
 // Hatch what is not known, and mark the chosen pixel and the divider, over the picture.
-function drawMarks(canvas, fit, { chosen, hatch, split, bare }) {
+function drawMarks(canvas, fit, { chosen, hatch, split, bare, frame }) {
   const box = canvas.getBoundingClientRect(), [w, h] = [box.width, box.height].map((v) => Math.max(1, Math.round(v * devicePixelRatio)));
   if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
-  const context = canvas.getContext("2d"), [sx, sy] = [w / fit.width, h / fit.height];
+  const context = canvas.getContext("2d"), [sx, sy] = [(frame.scale * w) / fit.width, (frame.scale * h) / fit.height];
+  const [left, top] = [frame.left * w, frame.top * h];
   context.clearRect(0, 0, w, h);
   if (bare) return;
   if (hatch) {
     context.beginPath();
     fit.pixel.forEach((at) => {
-      if (!(fit.state[at] & KNOWN)) context.rect((at % fit.width) * sx, Math.floor(at / fit.width) * sy, sx, sy);
+      if (!(fit.state[at] & KNOWN)) context.rect(left + (at % fit.width) * sx, top + Math.floor(at / fit.width) * sy, sx, sy);
     });
     context.save();
     context.clip();
@@ -98,10 +105,10 @@ function drawMarks(canvas, fit, { chosen, hatch, split, bare }) {
   if (split !== null) {
     for (const [colour, width] of [["#000a", 4], ["#fff", 2]]) {
       context.fillStyle = colour;
-      context.fillRect(split * w - (width * devicePixelRatio) / 2, 0, width * devicePixelRatio, h);
+      context.fillRect(left + split * frame.scale * w - (width * devicePixelRatio) / 2, 0, width * devicePixelRatio, h);
     }
   }
-  const [x, y] = [(chosen.x + 0.5) * sx, (chosen.y + 0.5) * sy], r = Math.max(7 * devicePixelRatio, sx);
+  const [x, y] = [left + (chosen.x + 0.5) * sx, top + (chosen.y + 0.5) * sy], r = Math.max(7 * devicePixelRatio, sx);
   for (const [colour, width] of [["#000c", 4], ["#fff", 1.8]]) {
     context.strokeStyle = colour;
     context.lineWidth = width * devicePixelRatio;

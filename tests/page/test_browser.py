@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -190,7 +191,7 @@ def test_a_near_lamp_equals_the_renderer(rendered):
         azimuth = np.pi / 2 * (j - 4)
         place = 2.5 * np.array([np.cos(azimuth), np.sin(azimuth), 1]) / 2**0.5 - (0, 0, 4)  # from the camera
         strength = [float(b == ring.leds.band[j]) for b in range(ring.leds.n_band)]
-        light = {"near": True, "place": place.tolist(), "reach": 1.0}
+        light = {"near": True, "place": place.tolist(), "reach": 2.0, "gain": 0.25}
         shown = relit(browser, maps.mask.shape, strength, "camera", **light)
         expected = encoded(image[..., j] / ring.leds.power[j])[..., None]
         assert np.ptp(expected[maps.mask]) > 0.2
@@ -249,6 +250,26 @@ def test_dragging_moves_the_lamp_and_a_click_chooses_a_pixel(opened):
     assert (value(opened, "column"), value(opened, "row")) == (12, 4)  # of 18 x 14
 
 
+def test_a_picture_is_enlarged_about_the_chosen_pixel(opened):
+    """A click then shows the pixel that lies there; drags in maps move the picture."""
+    press(opened, "tab-maps")
+    opened.evaluate("evsdr.choose(12, 4)")
+    for _ in range(5):
+        press(opened, "nearer")  # 7.6 times
+    for x, y in ((0.32, 0.5), (0.68, 0.5), (0.5, 0.32), (0.5, 0.68)):  # a pixel is 0.42 of the frame wide
+        drag(opened, (x, y), (x, y))
+        assert (value(opened, "column"), value(opened, "row")) == (12, 4)
+    drag(opened, (0.75, 0.5), (0.75, 0.5))
+    assert (value(opened, "column"), value(opened, "row")) == (13, 4)
+    drag(opened, (0.2, 0.5), (0.2 + 7.594 * 3 / 18, 0.5))  # three columns to the right
+    drag(opened, (0.5, 0.5), (0.5, 0.5))
+    assert value(opened, "column") == 9
+    for _ in range(8):
+        press(opened, "farther")
+    drag(opened, (0.01, 0.01), (0.01, 0.01))
+    assert (value(opened, "column"), value(opened, "row")) == (0, 0)
+
+
 def test_keys_do_what_pointers_do(opened):
     opened.evaluate("document.getElementById('tab-light').focus()")
     key(opened, "ArrowRight")
@@ -281,7 +302,10 @@ def test_everything_that_acts_has_a_name(opened):
 def test_mesh_has_the_triangles_of_the_file(opened, fit):
     press(opened, "tab-shape")
     expected = masked_mesh(fit.depth, fit.maps, np.eye(4))
-    assert opened.evaluate("evsdr.mesh.n_face") == len(expected.face) > 50
+    known = np.flatnonzero(fit.depth.mask & fit.maps.mask)
+    face = np.reshape(opened.evaluate("Array.from(evsdr.mesh.face, i => evsdr.fit.pixel[i])"), (-1, 3))
+    assert sorted(map(tuple, face)) == sorted(map(tuple, known[expected.face]))
+    assert len(face) > 50
 
 
 def test_two_fits_are_compared(opened, fit, tmp_path):
@@ -293,7 +317,8 @@ def test_two_fits_are_compared(opened, fit, tmp_path):
     arrays = {k: v for k, v in vars(maps).items()}
     np.savez(tmp_path / "plain.npz", **arrays)
     np.savez_compressed(tmp_path / "small.npz", **arrays)
-    (tmp_path / "other.html").write_text(replace(other, maps=maps).page(), encoding="utf-8")
+    text_of_other = replace(other, maps=maps).page().replace("<style>", "<style>/* of another version */")
+    (tmp_path / "other.html").write_text(text_of_other, encoding="utf-8")
     angle = np.degrees(np.arccos(np.clip((maps.normal * fit.maps.normal).sum(-1), -1, 1)))[
         fit.maps.mask
     ].mean()
@@ -317,6 +342,10 @@ def test_two_fits_are_compared(opened, fit, tmp_path):
     for part, normal in ((np.s_[:, :half], fit.maps.normal), (np.s_[:, half:], maps.normal)):
         expected = np.round(255 * (normal + 1) / 2)[part]
         assert np.abs(shown[part] - expected)[fit.maps.mask[part]].max() <= 1
+    put(opened, "way", "difference", "change")
+    opened.evaluate("new Promise(done => setTimeout(done, 150))")
+    np.testing.assert_array_equal(picture(opened, "flat")[..., 3] > 0, fit.maps.mask)
+    assert re.fullmatch(r"Colours from 0° \(dark\) to [\d.]+° \(bright\)\.", text(opened, "compare-scale"))
     assert opened.messages == []
 
 
