@@ -67,8 +67,10 @@ def text(browser, name):
 def picture(browser, canvas):
     """Give the pixels (H, W, 4) of a canvas."""
     data = browser.evaluate(
-        f"(() => {{ const c = document.getElementById({canvas!r}), d = c.getContext('2d').getImageData(0, 0, c.width,"
-        " c.height).data; return [c.height, c.width, btoa(String.fromCharCode(...d))]; })()"
+        f"(() => {{ const c = document.getElementById({canvas!r}), copy = new OffscreenCanvas(c.width, c.height)"
+        ".getContext('2d', {willReadFrequently: true}); copy.drawImage(c, 0, 0);"
+        " const d = copy.getImageData(0, 0, c.width, c.height).data;"
+        " return [c.height, c.width, btoa(String.fromCharCode(...d))]; })()"
     )
     return np.frombuffer(base64.b64decode(data[2]), np.uint8).reshape(*data[:2], 4)
 
