@@ -179,14 +179,14 @@ def led_residuals(pairs: PairData, light: Illumination, solution: Solution) -> n
     (n_led,) float
         0 for an LED that has no events.
     """
-    offset = pairs.offset.numpy().astype(np.int64)
-    explained = (solution.noise_factor < IGNORED) & (np.diff(offset) > solution.theta.shape[1])
+    first, count = pairs.first.numpy().astype(np.int64), pairs.counts
+    explained = (solution.noise_factor < IGNORED) & (count > solution.theta.shape[1])
     some = np.flatnonzero(explained)
     some = some[:: max(1, len(some) // N_SAMPLE)]
-    pixel = np.repeat(some, np.diff(offset)[some])
+    pixel = np.repeat(some, count[some])
     if not len(some):
         return np.zeros(light.n_led)
-    k = np.concatenate([np.arange(offset[i], offset[i + 1]) for i in some])
+    k = np.concatenate([np.arange(first[i], first[i] + count[i]) for i in some])
     signal = signals_of(LambertianRing(light), solution.theta)
     start, coded = pairs.phases.numpy().reshape(-1, 2)[k].T
     end, polarity = np.abs(coded) - 1, np.sign(coded)

@@ -119,12 +119,12 @@ class Sample:
     @classmethod
     def of(cls, problem: Problem, pixel: np.ndarray, kind: type, noise: float, spread=None) -> "Sample":
         """Take pixels (n_pixel) of a problem, one of them as often as wanted."""
-        UInt32, view = type(problem.pairs.offset), problem.view
+        UInt32, view = type(problem.pairs.first), problem.view
         index = owned(UInt32, pixel)
         if view is not None and dr.width(view) > 1:
             view = dr.gather(type(view), view, index)
         light = problem.illumination.gather(index)
-        pairs, grid = thin(problem.pairs.of_pixels(pixel), MAX_PAIRS), lonely_grid(len(pixel), UInt32)
+        pairs, grid = thin(problem.pairs.at(index).events, MAX_PAIRS), lonely_grid(len(pixel), UInt32)
         data = data_of(LambertianRing(light), pairs, light.constant_light, grid, ROBUST)
         return cls(data, kind, noise, view, spread)
 

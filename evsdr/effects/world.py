@@ -236,14 +236,14 @@ class World:
         def work():
             surface = None if self.ring.shape_is_known else fitted
             free = self.trace(False, self.rays, fitted if self.moved else None)
-            problem = make_problem(self.recording, self.pairs(fitted), free, self.mask, self.hot)
+            problem = make_problem(self.recording, fitted.problem.told, free, self.mask, self.hot)
             whole = replace(problem.illumination, indirect=fitted.problem.illumination.indirect)
             problem = replace(problem, illumination=whole)
             before = fitted.problem.illumination.share_of(problem.illumination, problem.n_pixel)
             if self.gloss is not None:
                 untold = problem.fired & ~fitted.problem.fired
                 return Seen(before, fitted.solution.all_theta, untold)
-            here = owned(type(problem.pairs.offset), problem.pixel)
+            here = owned(type(problem.pairs.first), problem.pixel)
             plain, shadowed = (self.trace(s, TRIAL_RAYS, surface, SURE).gather(here) for s in (False, True))
             traced = shadowed.share_of(plain, problem.n_pixel)
             return find_visibility(problem, fitted.solution, before, traced, self.ring.shape_is_known)
@@ -263,7 +263,7 @@ class World:
             except InputError as error:
                 raise InputError(f"{self.recording.source}: {error}") from error
 
-        return self.memo("late pairs" if fitted else "pairs", (self.recording, fitted, self.leak), work)
+        return self.memo("pairs", (self.recording, fitted, self.leak), work)
 
     def problem(self, fitted: Fitted | None = None, rays: int | None = None) -> Problem:
         """Give the problem to solve; what depends on the maps follows those of a fit, if there is one."""

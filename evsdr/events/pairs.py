@@ -155,6 +155,8 @@ def _risen(
 
     A slot that starts in a silence does so halfway on average; of one longer than a round only a round is probed.
     """
+    if leak == 0:
+        return np.zeros((2, len(t)), np.float32)
     following = np.append(t[1:], last_us).astype(float)
     following[offset[1:][offset[1:] > offset[:-1]] - 1] = last_us
     since = np.maximum(following - t - recording.sensor.refractory_us, 0)

@@ -31,8 +31,8 @@ MOST_SIGNALS, MOST_LEDS = (
 # Recipes by what a solve is for
 RECIPES = {
     "whole": recipes.whole,
-    "alone": lambda effort: recipes.whole(recipes.alone(effort)),  # before events are put right
-    "learn": recipes.neighbours,  # go on from there
+    "rough": recipes.rough,  # before events are put right
+    "learn": recipes.refine,  # go on from there
     "again": recipes.after_events,  # events have changed a little
     "light": recipes.after_light,  # light has changed
     "model": recipes.after_model,  # the surface's model has changed

@@ -15,10 +15,9 @@ from evsdr.solve.noise import Slotted, slotted
 from evsdr.solve.stages import softness_at
 
 END = 0.1  # of the events that are the darkest, the slowest, the brightest of their pixel
-CLEAR, LARGER = (
-    4.0,
-    1.5,
-)  # standard errors, and ratio of standard deviations, from which a place is named; guessed
+# Standard errors, and ratio of standard deviations, from which a place is named; guessed
+CLEAR, LARGER = 4.0, 1.5
+N_PIXEL = 4000  # that are looked at
 FEWEST = 100  # events at a place
 ROWS, COLUMNS = ("top", "middle", "bottom"), ("left", "centre", "right")
 
@@ -31,7 +30,7 @@ def explain_misfit(fitted: Fitted, robust: float) -> str:
     state = replace(resume(data, solution), noise=solution.noise)
     if solution.curved:
         state = replace(state, softness=softness_at(data, state.theta))
-    pairs = slotted(data, state)
+    pairs = slotted(data, state, N_PIXEL)
     leds = problem.pairs.slot_leds.numpy().astype(np.int64)
     return in_words(pairs, places(pairs, leds, light.n_led, problem.grid.mask), solution.noise)
 

@@ -23,7 +23,7 @@ def summarise(world: World, settings: Settings, fitted: Fitted, notes: dict) -> 
     notes : dict of str
         What else to say of the model than the world's decisions.
     """
-    pairs, solution = world.pairs(), fitted.solution
+    pairs, solution = fitted.problem.told, fitted.solution
     decisions = world.decisions.values()
     found = {name: value for d in decisions for name, value in d.found.items() if name in SENSOR}
     return {

@@ -61,7 +61,7 @@ EFFECTS = (
 )
 MOST_ROUNDS = 3  # of tracing and fitting
 KEPT = 0.5  # of the pixels that are known, at least, when what they share was inferred; guessed
-FAR_DEG = 1.0  # from which pixels are told what they share by maps that were too wrong; guessed
+FAR_DEG = 1.0  # beyond their sigma, from which maps were too wrong to tell what pixels share; guessed
 SETTLED = 0.1  # of the first round's change, below which light has settled
 
 
@@ -87,7 +87,7 @@ def fit_recording(
         world, _ = decide("scene", world, None, settings)
         geometry.check_light(world)
     solve = Decoder(ring, settings, start_normals(ring, settings.init), world.thresholds)
-    first = "alone" if terms.thorough else "whole"
+    first = "rough" if terms.thorough else "whole"
     with stages.stage(SOLVE) as advance:
         fitted = solve(world.problem(), None, first, advance)
         world, changed = decide("anew", world, fitted, settings, advance)
@@ -171,7 +171,8 @@ def settle_events(
             world = refuse(told, world)
             break
         good = world, new
-        if np.mean(angular_error_deg(fitted.maps.normal[known], new.maps.normal[known])) < FAR_DEG:
+        turned = angular_error_deg(fitted.maps.normal[known], new.maps.normal[known])
+        if np.mean(np.maximum(turned - fitted.maps.normal_sigma_deg[known], 0)) < FAR_DEG:
             break
         told = replace(told, found=find_shared(told, fitted))
         fitted = replace(new, problem=fitted.problem)

@@ -118,7 +118,7 @@ def contrary_pixels(world: World, fitted: Fitted) -> Iterator[str]:
         contrary = contrary | world.hot.ravel()[pixel]
     if np.count_nonzero(contrary) < max(CONTRARY_COUNT, CONTRARY_SHARE * len(contrary)):
         return
-    count = np.diff(world.pairs().offset.astype(np.int64))[pixel]
+    count = np.diff(fitted.problem.told.offset.astype(np.int64))[pixel]
     often = np.median(count[contrary]) > 2 * np.median(count[~contrary]) if not contrary.all() else False
     cause = (
         "they fire more often than the others, so they are probably hot: mask them in the camera"

@@ -1,5 +1,7 @@
 """Arrays of Dr.Jit made from those of NumPy."""
 
+from dataclasses import fields, is_dataclass, replace
+
 import drjit as dr
 import numpy as np
 
@@ -27,6 +29,19 @@ def owned(kind: type, values: np.ndarray):
     out = kind(np.array(values, number)) + dr.opaque(kind, 0)  # a copy, as the addition runs later
     dr.eval(out)
     return out
+
+
+def picked(tree, index):
+    """Keep some pixels, UInt32 (n), of all arrays of a PyTree; what is the same everywhere stays of width 1."""
+    if dr.is_array_v(tree):
+        return tree if dr.width(tree) == 1 else dr.gather(type(tree), tree, index)
+    if isinstance(tree, list | tuple):
+        return type(tree)(picked(value, index) for value in tree)
+    if is_dataclass(tree):
+        return replace(
+            tree, **{field.name: picked(getattr(tree, field.name), index) for field in fields(tree)}
+        )
+    return tree
 
 
 def columns(kind: type, values: np.ndarray) -> list:

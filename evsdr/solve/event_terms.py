@@ -48,14 +48,13 @@ def normal_equations(
     matrix : list of Float, (n (n + 1) / 2)
         Lower triangle, row after row.
     """
-    Float, UInt32 = type(pairs.phases), type(pairs.offset)
+    Float, UInt32 = type(pairs.phases), type(pairs.first)
     n = 2 + n_band + 2 * thresholds
     pixel = dr.arange(UInt32, dr.width(pairs.threshold_on))
-    first, last = (dr.gather(UInt32, pairs.offset, pixel + more) for more in (0, 1))
     light = Light(table, pairs, constant_light, n_band)
 
     def body(k, cost, *sums):
-        active = k < last
+        active = k < pairs.last
         start, end, polarity = unpack_pair(pairs.phases, k, active)
         lit = light.entries(pixel, end, active)
         total_start, by_start = light.of(light.entries(pixel, start, active))
@@ -87,7 +86,7 @@ def normal_equations(
         return (k + 1, cost, *(s + t for s, t in zip(sums, gradient + matrix)))
 
     zero = [dr.zeros(Float, dr.width(pixel)) for _ in range(1 + n + n * (n + 1) // 2)]
-    state = dr.while_loop((first, *zero), lambda k, *_: k < last, body, label="event terms")
+    state = dr.while_loop((pairs.first, *zero), lambda k, *_: k < pairs.last, body, label="event terms")
     return state[1], list(state[2 : 2 + n]), list(state[2 + n :])
 
 

@@ -143,11 +143,11 @@ class PixelNoise:
         if self.misfit:
             factor = noise_factors(scatter, state.noise, n_pixel, len(state.theta), self.misfit)
             if state.noise > NOISE_RANGE[0]:
-                factor = np.maximum(factor, slot_factors(slots, n_pixel))
+                factor = np.maximum(factor, slot_factors(slots))
         pairs = state.pairs
         if (factor == IGNORED).any():
             pairs = without(pairs, factor == IGNORED)
-        per_slot = state.pairs.counts / np.maximum(slots.n_group(n_pixel), 1)
+        per_slot = state.pairs.counts / np.maximum(slots.n_group, 1)
         return replace(state, noise_factor=factor, per_slot=per_slot, pairs=pairs, terms=[cost])
 
 

@@ -136,7 +136,7 @@ def pixel_terms(system, theta: list) -> tuple:
     )
     slope_term = law.gaussian_share(loss.robust) if loss.density else 0.0
     cost, gradient, matrix = normal_equations(*given, loss.robust, unknowns.thresholds, slope_term)
-    if loss.silence and pairs.silent_offset is not None:
+    if loss.silence and pairs.silent_first is not None:
         more = silence_equations(*given, unknowns.thresholds)
         cost = cost + more[0]
         gradient, matrix = ([a + b for a, b in zip(*two)] for two in zip((gradient, matrix), more[1:]))

@@ -6,6 +6,7 @@ as fewer than they are: the covariance of a score that is summed by clusters (Li
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import drjit as dr
 import numpy as np
@@ -66,12 +67,12 @@ def _residuals(system, theta: list, pixel, shown):
 def scatter_of(data: Data, state: State) -> Scatter:
     """Measure the scatter of each pixel's residuals, by the median of some."""
     pairs: PairData = state.pairs
-    UInt32 = type(pairs.offset)
+    UInt32 = type(pairs.first)
     count = pairs.counts
     pixel = np.flatnonzero(count)
     if len(pixel) == 0:
         return Scatter(pixel, count[pixel], np.empty(0))
-    n, first = count[pixel], pairs.offset.numpy().astype(np.int64)[pixel]
+    n, first = count[pixel], pairs.first.numpy().astype(np.int64)[pixel]
     shown = first[:, None] + n[:, None] * np.arange(N_SHOWN) // N_SHOWN
     of_pixel = owned(UInt32, np.repeat(pixel, N_SHOWN))
     system = system_of(data, state, Loss(data.robust))
@@ -82,18 +83,20 @@ def scatter_of(data: Data, state: State) -> Scatter:
 
 @dataclass(frozen=True)
 class Slotted:
-    """Some pairs of all pixels, and how their residuals go together with those of the same slot and polarity.
+    """Some pairs of some pixels, and how their residuals go together with those of the same slot and polarity.
 
     Attributes
     ----------
     pixel, group : (n,) int
-        Pixel of each pair, and what it shares with the pairs of its pixel's slot and polarity.
+        Pixel of each pair, and which of the pixel's slots and polarities it is of.
     score : (n,) float
         Its residual, by robust weights.
     start, end : (n,) float
         Phases.
     light : (n,) float
         At its end, with the constant light.
+    shape : tuple of 2 int
+        Number of pixels, and of groups of each.
     """
 
     pixel: np.ndarray
@@ -102,11 +105,26 @@ class Slotted:
     start: np.ndarray
     end: np.ndarray
     light: np.ndarray
+    shape: tuple[int, int]
 
-    def n_group(self, n_pixel: int) -> np.ndarray:
-        """Count the groups of each pixel (n_pixel,)."""
-        first = np.unique(self.group, return_index=True)[1]
-        return np.bincount(self.pixel[first], minlength=n_pixel)
+    @cached_property
+    def number(self) -> np.ndarray:
+        """Count the pairs of each group (n_pixel, n_group)."""
+        return self._of_groups()
+
+    @cached_property
+    def total(self) -> np.ndarray:
+        """Sum the scores of each group (n_pixel, n_group)."""
+        return self._of_groups(self.score)
+
+    def _of_groups(self, weight: np.ndarray | None = None) -> np.ndarray:
+        place = self.shape[1] * self.pixel + self.group
+        return np.bincount(place, weight, self.shape[0] * self.shape[1]).reshape(self.shape)
+
+    @property
+    def n_group(self) -> np.ndarray:
+        """Give how many groups of each pixel (n_pixel,) have pairs."""
+        return np.count_nonzero(self.number, axis=1)
 
     @property
     def shared(self) -> np.ndarray:
@@ -114,45 +132,41 @@ class Slotted:
 
         Its mean is 0 for noise of single events, and else the variance of what the model leaves out.
         """
-        number, total = np.bincount(self.group), np.bincount(self.group, self.score)
-        others = number[self.group] - 1
-        mean = (total[self.group] - self.score) / np.maximum(others, 1)
+        others = self.number[self.pixel, self.group] - 1
+        mean = (self.total[self.pixel, self.group] - self.score) / np.maximum(others, 1)
         return np.where(others > 0, self.score * mean, np.nan)
 
 
-def slotted(data: Data, state: State) -> Slotted:
-    """Look at some pairs of each pixel."""
+def slotted(data: Data, state: State, most: int | None = None) -> Slotted:
+    """Look at some pairs of each pixel, or of at most so many."""
     pairs: PairData = state.pairs
-    UInt32, n_slot = type(pairs.offset), dr.width(pairs.slot_leds)
-    count, first = pairs.counts, pairs.offset.numpy().astype(np.int64)[:-1]
+    UInt32, n_group = type(pairs.first), 2 * dr.width(pairs.slot_leds)
+    count, first = pairs.counts, pairs.first.numpy().astype(np.int64)
     some = np.minimum(count, N_SLOTTED)
+    if most is not None:
+        some[np.arange(len(some)) % max(-(-len(some) // most), 1) > 0] = 0
     pixel = np.repeat(np.arange(len(count)), some)
     within = np.arange(len(pixel)) - np.repeat(np.cumsum(some) - some, some)
     shown = first[pixel] + within * count[pixel] // some[pixel]
     if len(pixel) == 0:
-        return Slotted(pixel, pixel, *np.zeros((4, 0)))
+        return Slotted(pixel, pixel, *np.zeros((4, 0)), (len(count), n_group))
     system = system_of(data, state, Loss(data.robust))
     found = _residuals(system, state.theta, owned(UInt32, pixel), owned(UInt32, shown))
-    u, start, end, polarity, light = (value.numpy().astype(float) for value in found)
+    u, start, end, polarity, light = (value.numpy() for value in found)
     score = u / (1 + np.square(u / (data.robust * state.noise)))
-    group = 2 * (n_slot * pixel + end.astype(np.int64)) + (polarity > 0)
-    return Slotted(pixel, group, score, start, end, light)
+    group = 2 * end.astype(np.int64) + (polarity > 0)
+    return Slotted(pixel, group, score, start, end, light, (len(count), n_group))
 
 
-def slot_factors(pairs: Slotted, n_pixel: int) -> np.ndarray:
+def slot_factors(pairs: Slotted) -> np.ndarray:
     """Say by which factor (n_pixel,) float32 residuals that go together in slots raise a pixel's noise above that of most.
 
     It is at least 1, and shrunk toward that where few slots have events.
     """
-    if len(pairs.pixel) == 0:
-        return np.ones(n_pixel, np.float32)
-    group, first, number = np.unique(pairs.group, return_index=True, return_counts=True)
-    total = np.bincount(pairs.group, pairs.score)[group]
-    of_pixel = pairs.pixel[first]
-    n_group = pairs.n_group(n_pixel)
-    together = np.bincount(of_pixel, total**2 / number, minlength=n_pixel)
+    n_group = pairs.n_group
+    together = np.sum(np.square(pairs.total) / np.maximum(pairs.number, 1), axis=1)
     some = n_group > 0
-    most = max(np.median(together[some] / n_group[some]), SMALLEST_SQUARE)
+    most = max(np.median(together[some] / n_group[some]), SMALLEST_SQUARE) if some.any() else 1.0
     ratio = (FEW_SLOTS + together / most) / (FEW_SLOTS + n_group)
     return np.sqrt(np.maximum(ratio, 1)).astype(np.float32)
 

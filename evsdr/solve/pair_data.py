@@ -1,7 +1,6 @@
 """Event pairs as Dr.Jit arrays: how they are packed, chosen and looked up."""
 
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -9,8 +8,8 @@ import numpy as np
 
 from evsdr.model.arrays import owned
 
-SILENT_LISTS = "silent_phases", "silent_probes", "silent_bias"
-THRESHOLDS = "threshold_on", "threshold_off"
+OF_PIXEL = "first", "last", "threshold_on", "threshold_off", "silent_first", "silent_last"
+LISTS, SILENT_LISTS = ("phases", "bias", "weight"), ("silent_phases", "silent_probes", "silent_bias")
 
 
 @dataclass(frozen=True)
@@ -19,8 +18,8 @@ class PairData:
 
     Attributes
     ----------
-    offset : UInt32, (n_pixel + 1)
-        Pairs of pixel i are offset[i] .. offset[i+1].
+    first, last : UInt32, (n_pixel)
+        Pairs of pixel i are first[i] .. last[i]; the lists may hold others, too.
     phases : Float, (n_pair * 2)
         For each pair the phase of the ring (slot + crossfade fraction) at its start, and 1 + that at its
         end, with the sign of its polarity.
@@ -29,8 +28,8 @@ class PairData:
     slot_leds : UInt32, (n_slot + 1)
         LED of each slot, plus 65536 times that of the next; LED n_led is darkness. The first slot stands
         again at the end, for phases that round up.
-    silent_offset : UInt32, (n_pixel + 1), optional
-        Silences of pixel i are silent_offset[i] .. silent_offset[i+1].
+    silent_first, silent_last : UInt32, (n_pixel), optional
+        Silences of pixel i are silent_first[i] .. silent_last[i].
     silent_phases : Float, (n_silence * 2), optional
         For each silence as `phases`; the second is 0 where no event ends it.
     silent_bias : Float, (n_silence), optional
@@ -45,12 +44,14 @@ class PairData:
         How much a pair counts; 1 by default.
     """
 
-    offset: object
+    first: object
+    last: object
     phases: object
     threshold_on: object
     threshold_off: object
     slot_leds: object
-    silent_offset: object = None
+    silent_first: object = None
+    silent_last: object = None
     silent_phases: object = None
     silent_probes: object = None
     silent_bias: object = None
@@ -61,75 +62,56 @@ class PairData:
     @property
     def counts(self) -> np.ndarray:
         """Number of pairs of each pixel (n_pixel) int64."""
-        return np.diff(self.offset.numpy().astype(np.int64))
+        return self.last.numpy().astype(np.int64) - self.first.numpy()
+
+    def having(self, names: tuple[str, ...]) -> dict:
+        """Give those of some lists that there are, by name."""
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+    def at(self, pixel) -> "PairData":
+        """Look at some pixels, UInt32 (n), which may come more than once."""
+        return replace(self, **{k: dr.gather(type(v), v, pixel) for k, v in self.having(OF_PIXEL).items()})
 
     @property
-    def extras(self) -> list[str]:
-        """Give which of the lists beside the phases there are."""
-        return [name for name in ("bias", "weight") if getattr(self, name) is not None]
+    def events(self) -> "PairData":
+        """Give it without silences."""
+        return replace(self, silent_first=None, silent_last=None, **dict.fromkeys(SILENT_LISTS))
 
-    @property
-    def silent_lists(self) -> list[str]:
-        """Give which lists of silences there are."""
-        return [name for name in SILENT_LISTS if getattr(self, name) is not None]
 
-    def of_pixels(self, pixel: np.ndarray, silences: bool = False) -> "PairData":
-        """Keep the pairs of some pixels, which may come more than once, and their silences if asked for."""
-        UInt32, Float = type(self.offset), type(self.phases)
-
-        def part(offset, names):
-            first = offset.numpy().astype(np.int64)
-            count = np.diff(first)[pixel]
-            new = np.append(0, np.cumsum(count))
-            k = np.arange(new[-1]) + np.repeat(first[pixel] - new[:-1], count)
-            n = max(first[-1], 1)
-            lists = {name: getattr(self, name) for name in names}
-            return new, {a: owned(type(v), v.numpy().reshape(n, -1)[k].ravel()) for a, v in lists.items()}
-
-        offset, lists = part(self.offset, ["phases", *self.extras])
-        if silences and self.silent_offset is not None:
-            silent_offset, more = part(self.silent_offset, self.silent_lists)
-            lists |= more | {"silent_offset": owned(UInt32, silent_offset), "probes": self.probes}
-        else:
-            lists |= dict.fromkeys(("silent_offset", "probes", *SILENT_LISTS))
-        thresholds = {name: owned(Float, getattr(self, name).numpy()[pixel]) for name in THRESHOLDS}
-        return replace(self, offset=owned(UInt32, offset), **thresholds, **lists)
+def bounds(offset: np.ndarray, UInt32: type) -> tuple:
+    """Give first and last of lists that begin where those before them end, offset (n + 1)."""
+    return owned(UInt32, offset[:-1]), owned(UInt32, offset[1:])
 
 
 def without(pairs: PairData, ignored: np.ndarray) -> PairData:
     """Leave out all events and silences of some pixels, ignored (n_pixel) bool."""
-    return _choose(pairs, lambda count: np.where(ignored, 0, count))
+    left = owned(type(pairs.first), ignored) > 0
+    pairs = replace(pairs, last=dr.select(left, pairs.first, pairs.last))
+    if pairs.silent_first is None:
+        return pairs
+    return replace(pairs, silent_last=dr.select(left, pairs.silent_first, pairs.silent_last))
 
 
 def thin(pairs: PairData, most: int) -> PairData:
-    """Keep at most so many events and silences of each pixel, spread evenly over the recording."""
-    return _choose(pairs, lambda count: np.minimum(count, most))
-
-
-def _choose(pairs: PairData, kept: Callable) -> PairData:
-    """Keep as many entries of each pixel's lists as `kept` makes of their numbers (n_pixel), spread evenly."""
-
-    def part(offset, *lists):
-        first = offset.numpy().astype(np.int64)
-        count = np.diff(first)
-        some = kept(count)
-        new = np.concatenate([[0], np.cumsum(some)])
-        within = np.arange(new[-1]) - np.repeat(new[:-1], some)
-        k = np.repeat(first[:-1], some) + within * np.repeat(count, some) // np.maximum(
-            np.repeat(some, some), 1
-        )
-        n = max(first[-1], 1)
-        chosen = (owned(type(v), v.numpy().reshape(n, -1)[k].ravel()) for v in lists)
-        return owned(type(offset), new), *chosen
-
-    names = ["phases", *pairs.extras]
-    offset, *lists = part(pairs.offset, *(getattr(pairs, name) for name in names))
-    pairs = replace(pairs, offset=offset, **dict(zip(names, lists)))
-    if pairs.silent_offset is None:
+    """Keep at most so many events and silences of each pixel, spread evenly over the recording, and nothing else."""
+    first, last, lists = _thinned(pairs.first, pairs.last, pairs.having(LISTS), most)
+    pairs = replace(pairs, first=first, last=last, **lists)
+    if pairs.silent_first is None:
         return pairs
-    names = pairs.silent_lists
-    silent_offset, *lists = part(pairs.silent_offset, *(getattr(pairs, name) for name in names))
-    return replace(pairs, silent_offset=silent_offset, **dict(zip(names, lists)))
+    first, last, lists = _thinned(pairs.silent_first, pairs.silent_last, pairs.having(SILENT_LISTS), most)
+    return replace(pairs, silent_first=first, silent_last=last, **lists)
+
+
+def _thinned(first, last, lists: dict, most: int) -> tuple:
+    begin = first.numpy().astype(np.int64)
+    count = last.numpy() - begin
+    some = np.minimum(count, most)
+    new = np.concatenate([[0], np.cumsum(some)])
+    within = np.arange(new[-1]) - np.repeat(new[:-1], some)
+    k = np.repeat(begin, some) + within * np.repeat(count, some) // np.maximum(np.repeat(some, some), 1)
+    n = max(dr.width(next(iter(lists.values()))) // 2, 1)  # phases come in twos
+    chosen = {name: owned(type(v), v.numpy().reshape(n, -1)[k].ravel()) for name, v in lists.items()}
+    return *bounds(new, type(first)), chosen
 
 
 def pack_phases(start: np.ndarray, end: np.ndarray, polarity: np.ndarray) -> np.ndarray:
@@ -164,9 +146,9 @@ def array_type(kind: type, size: int) -> type:
 
 def lit_leds(pairs: PairData, phase, active):
     """Tell which two LEDs are lit at a phase, and their shares."""
-    slot = type(pairs.offset)(phase)
+    slot = type(pairs.first)(phase)
     fade = phase - type(phase)(slot)
-    leds = dr.gather(type(pairs.offset), pairs.slot_leds, slot, active)
+    leds = dr.gather(type(pairs.first), pairs.slot_leds, slot, active)
     return ((leds & 0xFFFF, 1.0 - fade), (leds >> 16, fade))
 
 
@@ -239,7 +221,7 @@ def ends(table: Table, pairs: PairData, k, pixel, active):
 
 def every_pair(pairs: PairData):
     """Give the number of every pair, and its pixel."""
-    UInt32 = type(pairs.offset)
-    count = pairs.counts
-    pixel = owned(UInt32, np.repeat(np.arange(len(count), dtype=np.uint32), count))
-    return dr.arange(UInt32, dr.width(pixel)), pixel
+    UInt32, count = type(pairs.first), pairs.counts
+    pixel = np.repeat(np.arange(len(count)), count)
+    before = np.cumsum(count) - count
+    return owned(UInt32, np.arange(len(pixel)) + (pairs.first.numpy() - before)[pixel]), owned(UInt32, pixel)

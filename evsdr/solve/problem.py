@@ -12,7 +12,7 @@ from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
 from evsdr.records import Recording
 from evsdr.solve.grid import Grid, make_grid
-from evsdr.solve.pair_data import PairData, pack_phases, pack_slots
+from evsdr.solve.pair_data import PairData, pack_phases, pack_slots, without
 
 DARK = 1e-6  # floor of the constant light, as a share of the brightest LED: keeps log I finite in shadow
 
@@ -39,6 +39,8 @@ class Problem:
         Unit vectors from surface to camera, see `GlossyRing`.
     start : (n_pixel, n_unknown) float32, optional
         Unknowns to start from that go with the light, better than those of an earlier fit.
+    told : Pairs, optional
+        Pairs of all pixels, hot ones included.
     """
 
     pixel: np.ndarray
@@ -49,6 +51,7 @@ class Problem:
     lobe: object = None
     view: object = None
     start: np.ndarray | None = None
+    told: Pairs | None = None
 
     @property
     def n_pixel(self) -> int:
@@ -87,48 +90,40 @@ def make_problem(
     Float = type(light.constant_light)
     UInt32 = dr.uint32_array_t(Float)
     pixel = np.flatnonzero(mask)
-    heard = mask if hot is None else mask & ~hot
-    offset, chosen = _of_list(pairs.offset, mask, heard, UInt32)
-    silent_offset, silent = _of_list(pairs.silent_offset, mask, heard, UInt32)
-    first, last = pairs.probe_offset[:-1][silent], pairs.probe_offset[1:][silent]
+    first, last = (owned(UInt32, side[pixel]) for side in (pairs.offset[:-1], pairs.offset[1:]))
+    silent_first, silent_last = (
+        owned(UInt32, side[pixel]) for side in (pairs.silent_offset[:-1], pairs.silent_offset[1:])
+    )
 
     def threshold(value):
         return owned(Float, np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
 
     sensor = recording.sensor
+    silent = pairs.silent_start, pairs.silent_end, pairs.silent_polarity
+    probes = np.stack([pairs.probe_offset[:-1], pairs.probe_offset[1:]], axis=-1)
+    data = PairData(
+        first=first,
+        last=last,
+        phases=owned(Float, pack_phases(pairs.phase_start, pairs.phase_end, pairs.polarity)),
+        threshold_on=threshold(sensor.contrast_threshold_on),
+        threshold_off=threshold(sensor.contrast_threshold_off),
+        slot_leds=owned(UInt32, pack_slots(recording.schedule.order, light.n_led)),
+        silent_first=silent_first,
+        silent_last=silent_last,
+        silent_phases=owned(Float, pack_phases(*silent)),
+        silent_probes=owned(UInt32, probes.ravel()),
+        silent_bias=owned(Float, pairs.silent_bias),
+        probes=owned(Float, pairs.silent_probe),
+        bias=owned(Float, pairs.bias),
+    )
     return Problem(
         pixel=pixel,
         fired=np.diff(pairs.offset)[pixel] > 0,
-        pairs=PairData(
-            offset=offset,
-            phases=owned(
-                Float, pack_phases(pairs.phase_start[chosen], pairs.phase_end[chosen], pairs.polarity[chosen])
-            ),
-            threshold_on=threshold(sensor.contrast_threshold_on),
-            threshold_off=threshold(sensor.contrast_threshold_off),
-            slot_leds=owned(UInt32, pack_slots(recording.schedule.order, light.n_led)),
-            silent_offset=silent_offset,
-            silent_phases=owned(
-                Float,
-                pack_phases(
-                    pairs.silent_start[silent], pairs.silent_end[silent], pairs.silent_polarity[silent]
-                ),
-            ),
-            silent_bias=owned(Float, pairs.silent_bias[silent]),
-            silent_probes=owned(UInt32, np.stack([first, last], axis=-1).ravel()),
-            probes=owned(Float, pairs.silent_probe),
-            bias=owned(Float, pairs.bias[chosen]),
-        ),
+        pairs=data if hot is None else without(data, hot.ravel()[pixel]),
         illumination=_of_pixels(light, owned(UInt32, pixel)),
         grid=make_grid(mask, UInt32),
+        told=pairs,
     )
-
-
-def _of_list(offset: np.ndarray, mask: np.ndarray, heard: np.ndarray, UInt32: type) -> tuple:
-    """Give the offsets of a list for the masked pixels, and which entries it keeps: those of pixels heard."""
-    count = np.diff(offset)
-    kept = np.concatenate([[0], np.cumsum(np.where(heard.ravel(), count, 0)[mask.ravel()])])
-    return owned(UInt32, kept), np.repeat(heard.ravel(), count)
 
 
 def _of_pixels(light: Illumination, pixel) -> Illumination:

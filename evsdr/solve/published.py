@@ -106,7 +106,7 @@ class DecoderLoss:
 
     def reflectance(self, unknowns: dict) -> list:
         """Give the reflectance of each band."""
-        Float, UInt32 = type(self.pairs.phases), type(self.pairs.offset)
+        Float, UInt32 = type(self.pairs.phases), type(self.pairs.first)
         return [
             sum(
                 unknowns[f"a{k}"] * dr.gather(Float, unknowns[f"b{k}"], UInt32(b))
@@ -169,7 +169,7 @@ def solve(
     Float = type(pairs.phases)
     decoder = DecoderLoss.of(illumination, pairs, settings)
     optimiser = first_unknowns(decoder, start_normal, seed)
-    place, step = owned(type(pairs.offset), pixel), dr.freeze(_step)
+    place, step = owned(type(pairs.first), pixel), dr.freeze(_step)
     width = dr.opaque(Float, 0.0)  # of what is down-weighted, inverse; 0 weighs nothing down
     for i in range(settings.n_step):
         if settings.robust and i == settings.n_step // 2:

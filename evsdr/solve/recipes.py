@@ -63,10 +63,22 @@ def whole(effort: Effort) -> tuple[Stage, ...]:
     return (search, *after_light(effort))
 
 
+def rough(effort: Effort) -> tuple[Stage, ...]:
+    """Start from nothing; go as far as is needed to see what all pixels share: each alone, on its early events."""
+    effort = replace(effort, priors=None)
+    search = Descend(MOST, effort.tolerance, effort.tuning.softness, FIRST_NOISE)
+    return (search, *descend_and_start(effort), *soft_horizon(effort, MOST), *know(effort))
+
+
 def after_light(effort: Effort) -> tuple[Stage, ...]:
     """Go on after the light has changed."""
+    return (*descend_and_start(effort), *refine(effort))
+
+
+def descend_and_start(effort: Effort) -> tuple[Stage, ...]:
+    """Descend on early events, also from neighbours' solutions; find how thresholds are distributed."""
     starts = Starts(effort.tuning.n_sweep, 3, effort.tolerance)
-    return (Descend(MOST, effort.tolerance), starts, spread(effort), *refine(effort))
+    return Descend(MOST, effort.tolerance), starts, spread(effort)
 
 
 def after_model(effort: Effort) -> tuple[Stage, ...]:
@@ -109,12 +121,6 @@ def quick(effort: Effort) -> tuple[Stage, ...]:
     return (*steps, *last, PixelNoise(PAIRS, None), Neighbours(None, PAIRS))
 
 
-def neighbours(effort: Effort) -> tuple[Stage, ...]:
-    """Let neighbours speak of pixels that are solved alone."""
-    descend = Descend(0, effort.tolerance, terms=last_terms(effort), name="refinement")
-    return (AllPairs(), descend, *soft_horizon(effort, 3), respread(effort), *know(effort))
-
-
 def know(effort: Effort) -> tuple[Stage, ...]:
     """Say how well the pixels are known, and let neighbours speak."""
     terms = last_terms(effort)
@@ -144,8 +150,3 @@ def trial(tolerance: float = 0.1) -> tuple[Stage, ...]:
     )
     last = Descend(8, tolerance, terms=ALL_TERMS, name="refinement"), Respread(8, tolerance)
     return (*search, ThresholdSpread(2, 2, tolerance), AllPairs(), *last, PixelNoise(), Neighbours(None))
-
-
-def alone(effort: Effort) -> Effort:
-    """Leave each pixel alone."""
-    return replace(effort, priors=None)

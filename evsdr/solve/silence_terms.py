@@ -29,10 +29,10 @@ def silence_equations(table, pairs: PairData, constant_light, n_band: int, scale
 
     Arguments and results as those of `event_terms.normal_equations`.
     """
-    Float, UInt32 = type(pairs.phases), type(pairs.offset)
+    Float, UInt32 = type(pairs.phases), type(pairs.first)
     n = 2 + n_band + 2 * thresholds
     pixel = dr.arange(UInt32, dr.width(pairs.threshold_on))
-    first, last = (dr.gather(UInt32, pairs.silent_offset, pixel + more) for more in (0, 1))
+    first, last = pairs.silent_first, pairs.silent_last
     light = Light(table, pairs, constant_light, n_band)
 
     def body(k, again, cost, *sums):
@@ -69,7 +69,7 @@ def silence_equations(table, pairs: PairData, constant_light, n_band: int, scale
 def _extremes(light: Light, pixel, k, start, active):
     """Give the phases of the probes where the light is highest and lowest; `start` if none is beyond that."""
     pairs = light.pairs
-    probe, end = dr.gather(array_type(type(pairs.offset), 2), pairs.silent_probes, k, active)
+    probe, end = dr.gather(array_type(type(pairs.first), 2), pairs.silent_probes, k, active)
 
     def body(probe, most, highest, least, lowest):
         here = dr.gather(type(start), pairs.probes, probe, active)

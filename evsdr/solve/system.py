@@ -1,11 +1,12 @@
 """What the cost of single pixels depends on beside their unknowns."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 
+from evsdr.model.arrays import picked
 from evsdr.solve.loss import Loss
-from evsdr.solve.pair_data import PairData
+from evsdr.solve.pair_data import PairData, room_for
 from evsdr.solve.solution import Data, State
 from evsdr.solve.unknowns import Unknowns
 
@@ -44,6 +45,12 @@ class PixelSystem:
     unknowns: Unknowns
     room: object
     weak: object
+
+    def at(self, index) -> "PixelSystem":
+        """Look at some pixels, UInt32 (n)."""
+        same = {name: picked(getattr(self, name), index) for name in ("model", "noise", "softness")}
+        room = room_for(type(self.room), dr.width(index), self.model.illumination.n_led)
+        return replace(self, pairs=self.pairs.at(index), room=room, **same)
 
 
 def system_of(data: Data, state: State, loss: Loss, noise=None, weak: float = 1.0) -> PixelSystem:

@@ -12,7 +12,7 @@ from evsdr.solve import loop
 from evsdr.solve.grid import lonely_grid
 from evsdr.solve.loop import data_of, start_of
 from evsdr.solve.loss import residuals
-from evsdr.solve.pair_data import PairData, thin
+from evsdr.solve.pair_data import PairData, bounds, thin
 from evsdr.solve.recipes import Effort, trial
 from evsdr.solve.solution import Data, Solution
 from evsdr.solve.unknowns import first_theta
@@ -91,9 +91,10 @@ def solve(cases: list[PairData], light: Illumination, pixel: np.ndarray, thresho
 
 
 def _solve(cases, light, pixel, thresholds: bool) -> tuple[Data, Solution]:
-    Float, UInt32 = type(cases[0].phases), type(cases[0].offset)
+    Float, UInt32 = type(cases[0].phases), type(cases[0].first)
     n_slot = dr.width(cases[0].slot_leds)
     phases, counts = [], []
+    cases = [thin(case.events, N_MOST) for case in cases]
     for i, case in enumerate(cases):
         own = case.phases.numpy().reshape(-1, 2)
         away = n_slot * i  # slots of a case lie behind those of the one before
@@ -105,8 +106,10 @@ def _solve(cases, light, pixel, thresholds: bool) -> tuple[Data, Solution]:
     def together(arrays, kind):
         return owned(kind, np.concatenate([a.numpy() for a in arrays]))
 
+    first, last = bounds(np.append(0, np.cumsum(np.concatenate(counts))), UInt32)
     tried = PairData(
-        offset=owned(UInt32, np.append(0, np.cumsum(np.concatenate(counts)))),
+        first=first,
+        last=last,
         phases=owned(Float, np.concatenate(phases).ravel()),
         threshold_on=together([case.threshold_on for case in cases], Float),
         threshold_off=together([case.threshold_off for case in cases], Float),
@@ -114,7 +117,7 @@ def _solve(cases, light, pixel, thresholds: bool) -> tuple[Data, Solution]:
     )
     there = light.gather(owned(UInt32, pixel))
     grid, width = lonely_grid(n_pixel, UInt32), Effort().width(thresholds)
-    data = data_of(LambertianRing(there), thin(tried, N_MOST), light.constant_light, grid, width)
+    data = data_of(LambertianRing(there), tried, light.constant_light, grid, width)
     frontal = np.tile([0.0, 0.0, 1.0], (n_pixel, 1))
     start = start_of(data, first_theta(frontal, light.n_band, thresholds, Float), N_HEARD)
     return data, loop.solve(data, trial(), start)

@@ -157,12 +157,13 @@ class Judge:
         return np.concatenate([theta[:0], *(t for t, _ in fitted)]), cost
 
     def _fit_some(self, pixel, share, theta, descents, which):
-        light, UInt32 = self.problem.illumination, type(self.pairs.offset)
+        light, UInt32 = self.problem.illumination, type(self.pairs.first)
         Float = type(light.constant_light)
-        model = LambertianRing(light.gather(owned(UInt32, pixel)).seen(share))
+        index = owned(UInt32, pixel)
+        model = LambertianRing(light.gather(index).seen(share))
         grid = lonely_grid(len(pixel), UInt32)
         width = Effort().width(self.solution.threshold_gain is not None)
-        data = data_of(model, self.pairs.of_pixels(pixel, True), light.constant_light, grid, width)
+        data = data_of(model, self.pairs.at(index), light.constant_light, grid, width)
         theta = columns(Float, theta)
         state = replace(start_of(data, theta, None, self.solution.threshold_prior), noise=self.solution.noise)
         for softness, n_step in descents:

@@ -59,8 +59,8 @@ def test_the_problem_of_a_recording(place, world):
     assert world.pairs() is world.pairs()
     hot = np.zeros_like(world.mask)
     hot.ravel()[problem.pixel[0]] = True
-    offsets = [p.pairs.offset.numpy() for p in (problem, replace(world, hot=hot).problem())]
-    assert offsets[0][1] > 0 and offsets[1][1] == 0
+    counts = [p.pairs.counts for p in (problem, replace(world, hot=hot).problem())]
+    assert counts[0][0] > 0 and counts[1][0] == 0
 
 
 def test_lobes_are_in_the_problem(place, world):

@@ -49,7 +49,7 @@ def test_the_published_decoder_gives_its_own_result(problem, shadows, robust, mo
 def test_a_fit_goes_on_from_a_fit(problem):
     """Steps and history are those of the whole fit."""
     solve = Decoder(RING, Settings(priors=()), FRONTAL, True)
-    first = solve(problem, None, "alone")
+    first = solve(problem, None, "rough")
     second = solve(problem, first, "learn")
     n = len(first.solution.history)
     assert second.solution.history[:n] == first.solution.history and len(second.solution.history) > n

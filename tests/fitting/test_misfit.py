@@ -1,6 +1,7 @@
 """Where a fit explains the events less well than elsewhere."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ def slots(rng, wrong=lambda row, column, led, light: 0.0, noise=0.1):
     off = wrong(*np.divmod(pixel, 12), led, light)
     score = noise * rng.normal(size=len(pixel)) + off
     span = np.where(pixel >= 132, 0.9, rng.uniform(0.2, 0.3, len(pixel)))
-    return Slotted(pixel, 2 * (N_LED * pixel + led), score, led + 0.4 - span, led + 0.4, light)
+    return Slotted(pixel, 2 * led, score, led + 0.4 - span, led + 0.4, light, (N_PIXEL, 2 * N_LED))
 
 
 def said(pairs):
@@ -52,9 +53,10 @@ def test_places_are_named(rng, wrong, words):
 
 def test_few_events_tell_nothing(rng):
     few = slots(rng)
-    few = Slotted(*(getattr(few, name)[:20] for name in ("pixel", "group", "score", "start", "end", "light")))
+    lists = "pixel", "group", "score", "start", "end", "light"
+    few = replace(few, **{name: getattr(few, name)[:20] for name in lists})
     assert said(few) == "too few events to tell"
-    none = Slotted(*np.zeros((2, 0), int), *np.zeros((4, 0)))
+    none = Slotted(*np.zeros((2, 0), int), *np.zeros((4, 0)), (N_PIXEL, 2 * N_LED))
     assert in_words(none, places(none, SLOT_LEDS, N_LED, MASK), 0.1) == "too few events to tell"
 
 

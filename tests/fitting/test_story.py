@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mitsuba as mi
 import numpy as np
 import pytest
 
@@ -23,9 +24,9 @@ class LateTriggers:
     name, option, when = "late triggers", "", "scene"
 
     def decide(self, asked, world, fitted):
-        row, delays = np.arange(0, world.mask.sum(), 3), np.arange(0.0, 5000.0, 1000.0)
+        row, delays = np.arange(0, world.mask.sum(), 3, dtype=np.uint32), np.arange(0.0, 5000.0, 1000.0)
         worlds = [replace(world, recording=self.early(world.recording, us)) for us in delays]
-        cases = [early.problem().pairs.of_pixels(row) for early in worlds]
+        cases = [early.problem().pairs.at(mi.UInt32(row)) for early in worlds]
         cost = trial.costs(cases, world.illumination(), row, False).sum(axis=1)
         us = float(delays[np.argmin(cost)])
         return Decision(self.name, us > 0, f"by {us:.0f} us", found={"us": us})

@@ -32,7 +32,7 @@ def test_an_unknown_scale_is_told_but_no_doubt():
     ("given", "fit", "words"),
     [
         ({}, {"noisy": 7}, "^b.h5: 7% of the pixels fire .*gloss, a shadow"),
-        ({"busy": 7}, {"noisy": 7}, "^b.h5: 7% of the pixels fire .*probably hot"),
+        ({}, {"noisy": 7, "busy": 7}, "^b.h5: 7% of the pixels fire .*probably hot"),
         ({}, {"gain": np.full((N, 2), [1.0, 1.2])}, "contrast_threshold_off is told as 0.3 .* say 0.36"),
         ({}, {"known": 0}, "^b.h5: no pixel is known"),
         ({}, {"known": 40}, "^b.h5: only 40% of the pixels that fire are known"),

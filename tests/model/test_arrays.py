@@ -4,7 +4,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from evsdr.model.arrays import columns, owned
+from evsdr.model.arrays import columns, owned, picked
+from evsdr.model.illumination import Illumination
 
 
 def test_values_are_copied():
@@ -19,6 +20,15 @@ def test_kinds():
     assert owned(mi.UInt32, np.array([True, False])).numpy().tolist() == [1, 0]
     assert owned(mi.UInt32, np.array([2**32 - 1])).numpy().tolist() == [2**32 - 1]
     assert [c.numpy().tolist() for c in columns(mi.Float, np.array([[1, 2], [3, 4]]))] == [[1, 3], [2, 4]]
+
+
+def test_some_pixels_of_all_arrays():
+    """Of lists, tuples and records; what is the same everywhere, and no array, stays."""
+    light = Illumination([mi.Vector3f(0, 0, 1)], [mi.Float(1, 2, 3)], [0], mi.Float(0.5), None, 0.25)
+    found, (both,) = picked((light, [mi.Vector3f([1, 2, 3], [4, 5, 6], [7, 8, 9])]), mi.UInt32(2, 0))
+    assert found.irradiance[0].numpy().tolist() == [3, 1] and both.y.numpy().tolist() == [6, 4]
+    assert dr.width(found.direction[0]) == 1 and found.constant_light is light.constant_light
+    assert (found.band, found.indirect, found.spread) == ([0], None, 0.25)
 
 
 def test_frozen_functions_are_recorded_once_for_any_memory():

@@ -1,9 +1,12 @@
+from types import SimpleNamespace
+
 import mitsuba as mi
 import numpy as np
 import pytest
 
 from evsdr.metrics import angular_error_deg
-from evsdr.solve import recipes
+from evsdr.solve import levenberg, recipes
+from evsdr.solve.system import PixelSystem
 from evsdr.solve.unknowns import normal_sigma_deg, to_theta
 from tests.support.sphere import ALONE, PAIRS_ALONE, SPECTRUM, errors, solve, sphere_problem
 
@@ -43,3 +46,42 @@ def test_sigma_of_slopes_is_the_angle_that_sampling_shows(rng):
     sampled = np.sqrt(np.mean(angular_error_deg(normal, np.array([-p, -q, 1.0])) ** 2))
     sigma = normal_sigma_deg(np.array([p]), np.array([q]), covariance[None])[0]
     assert sigma == pytest.approx(sampled, rel=0.02)
+
+
+def test_pixels_that_have_settled_rest(monkeypatch):
+    """What moves on are the others, in another order: costs are those of all pixels moving together, and fewer pairs are heard."""
+    problem, _ = sphere_problem(48, event_noise=0.1)
+    together, heard = solve(problem), []
+    monkeypatch.setattr(levenberg, "FEWEST", 64)
+    at = PixelSystem.at
+
+    def looked(system, index):
+        heard.append(len(index))
+        return at(system, index)
+
+    monkeypatch.setattr(PixelSystem, "at", looked)
+    apart = solve(problem)
+    assert max(heard) == problem.n_pixel and min(heard) < 0.5 * problem.n_pixel
+    assert np.mean(np.abs(apart.cost - together.cost) > 0.3) < 0.01
+    assert np.mean(apart.cost) == pytest.approx(np.mean(together.cost), abs=0.2)
+    assert np.median(np.abs(apart.theta - together.theta)) < 0.01
+
+
+def test_what_some_pixels_found_is_put_in_its_place():
+    whole = levenberg.placed([[mi.Float(5, 6, 7)]], mi.UInt32(2, 0, 1), 3)
+    assert whole[0][0].numpy().tolist() == [6, 7, 5]
+    part = levenberg.placed([[mi.Float(9)]], mi.UInt32(1), 3, whole)
+    assert part[0][0].numpy().tolist() == [6, 9, 5] and whole[0][0].numpy().tolist() == [6, 7, 5]
+
+
+def test_neighbours_in_the_order_have_alike_many_pairs(rng):
+    """Each block of pixels stays together."""
+    count = rng.integers(0, 300, 5000)
+    pairs = SimpleNamespace(counts=count, first=mi.UInt32(0))
+    order = levenberg.by_count(SimpleNamespace(pairs=pairs)).numpy()
+    blocks = np.split(order, np.arange(levenberg.BLOCK, 5000, levenberg.BLOCK))
+    for i, block in enumerate(blocks):
+        assert set(block // levenberg.BLOCK) == {i} and (np.diff(count[block]) <= 0).all()
+    assert sum(len(block) for block in blocks) == len(set(order)) == 5000
+    few = SimpleNamespace(counts=count[:100])
+    assert levenberg.by_count(SimpleNamespace(pairs=few)) is None

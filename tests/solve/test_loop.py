@@ -117,7 +117,7 @@ def test_a_solve_goes_on_from_a_solution(small):
     found = solve(problem, ALONE.at(0.01), thresholds=True)
     given = problem.pairs, light.constant_light, problem.grid, ALONE.width(True)
     data = loop.data_of(LambertianRing(light), *given)
-    again = loop.solve(data, recipes.neighbours(ALONE), loop.resume(data, found))
+    again = loop.solve(data, recipes.refine(ALONE), loop.resume(data, found))
     assert again.threshold_prior == pytest.approx(found.threshold_prior, abs=1e-3)
     assert np.median(np.abs(again.theta - found.theta)) < 1e-3
     assert errors(again, truth)[0].mean() == pytest.approx(errors(found, truth)[0].mean(), rel=0.05)

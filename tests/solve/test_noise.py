@@ -35,7 +35,7 @@ def slots(rng, off):
     n_pixel, n_slot = off.shape
     pixel, slot, _ = (a.ravel() for a in np.mgrid[:n_pixel, :n_slot, :6])
     score = 0.1 * rng.normal(size=len(pixel)) + off[pixel, slot]
-    return Slotted(pixel, n_slot * pixel + slot, score, *np.zeros((3, len(pixel))))
+    return Slotted(pixel, slot, score, *np.zeros((3, len(pixel))), (n_pixel + 1, n_slot))
 
 
 def test_what_comes_again_in_a_slot_is_more_than_noise(rng):
@@ -43,20 +43,22 @@ def test_what_comes_again_in_a_slot_is_more_than_noise(rng):
     off = np.zeros((60, 20))
     off[:20] = 0.1 * rng.normal(size=(20, 20))
     pairs = slots(rng, off)
-    factor = slot_factors(pairs, 61)
+    factor = slot_factors(pairs)
     inflated = np.sqrt((FEW_SLOTS + 20 * (1 + 6)) / (FEW_SLOTS + 20))
     assert np.mean(factor[:20]) == pytest.approx(inflated, rel=0.15)
     assert np.mean(factor[20:60]) < 1.15 and factor[60] == 1
     shared = pairs.shared
     assert np.mean(shared[pairs.pixel < 20]) == pytest.approx(0.01, rel=0.25)
     assert abs(np.mean(shared[pairs.pixel >= 20])) < 5e-4
-    assert slot_factors(Slotted(*np.zeros((2, 0), int), *np.zeros((4, 0))), 3).tolist() == [1, 1, 1]
+    assert slot_factors(Slotted(*np.zeros((2, 0), int), *np.zeros((4, 0)), (3, 4))).tolist() == [1, 1, 1]
 
 
 def test_an_event_that_is_alone_in_its_slot_shares_nothing():
-    pairs = Slotted(np.zeros(3, int), np.array([0, 0, 1]), np.array([1.0, 2.0, 5.0]), *np.zeros((3, 3)))
+    pairs = Slotted(
+        np.zeros(3, int), np.array([0, 0, 1]), np.array([1.0, 2.0, 5.0]), *np.zeros((3, 3)), (2, 2)
+    )
     np.testing.assert_allclose(pairs.shared, [2, 2, np.nan])
-    assert pairs.n_group(2).tolist() == [2, 0]
+    assert pairs.n_group.tolist() == [2, 0]
 
 
 def test_pairs_are_looked_at_with_their_slots_and_light():

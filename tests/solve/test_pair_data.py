@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from evsdr.solve.pair_data import (
     PairData,
+    bounds,
     ends,
     pack_phases,
     pack_slots,
@@ -24,25 +25,24 @@ COUNT, SILENT = np.array([0, 3, 100, 7, 12]), np.array([50, 0, 12, 1, 13])
 
 
 def numbered(count):
-    """Offsets, and a list whose entries tell their own number."""
-    offset = np.append(0, np.cumsum(count))
-    k = np.arange(offset[-1])
-    return mi.UInt32(offset.astype(np.uint32)), mi.Float(
-        np.stack([k, -k], axis=-1).ravel().astype(np.float32)
-    )
+    """First and last, and a list whose entries tell their own number."""
+    k = np.arange(count.sum())
+    phases = mi.Float(np.stack([k, -k], axis=-1).ravel().astype(np.float32))
+    return *bounds(np.append(0, np.cumsum(count)), mi.UInt32), phases
 
 
 @pytest.fixture
 def pairs():
     weight = mi.Float(np.arange(COUNT.sum(), dtype=np.float32))
-    silent_offset, silent_phases = numbered(SILENT)
+    silent_first, silent_last, silent_phases = numbered(SILENT)
     probes = mi.UInt32(np.repeat(np.arange(SILENT.sum(), dtype=np.uint32), 2))
     return PairData(
         *numbered(COUNT),
         threshold_on=None,
         threshold_off=None,
         slot_leds=None,
-        silent_offset=silent_offset,
+        silent_first=silent_first,
+        silent_last=silent_last,
         silent_phases=silent_phases,
         silent_probes=probes,
         silent_bias=mi.Float(np.arange(SILENT.sum(), dtype=np.float32)),
@@ -52,29 +52,30 @@ def pairs():
     )
 
 
-def entries(offset, phases):
+def entries(pairs, silent=""):
     """Numbers of the entries that are left of each pixel."""
-    first, second = phases.numpy().reshape(-1, 2).T
-    np.testing.assert_array_equal(first, -second)
-    return np.split(first.astype(int), offset.numpy()[1:-1])
+    first, last, phases = (getattr(pairs, f"{silent}{name}").numpy() for name in ("first", "last", "phases"))
+    one, other = phases.reshape(-1, 2).T
+    np.testing.assert_array_equal(one, -other)
+    return [one[a:b].astype(int) for a, b in zip(first.astype(int), last.astype(int))]
 
 
 def test_thinned_lists_are_spread_evenly(pairs):
     """Of 100 pairs every eighth or ninth is left, from the first on; short lists stay whole."""
     few = thin(pairs, 12)
     for kept, count, first in (
-        (entries(few.offset, few.phases), COUNT, np.cumsum(COUNT) - COUNT),
-        (entries(few.silent_offset, few.silent_phases), SILENT, np.cumsum(SILENT) - SILENT),
+        (entries(few), COUNT, np.cumsum(COUNT) - COUNT),
+        (entries(few, "silent_"), SILENT, np.cumsum(SILENT) - SILENT),
     ):
         for k, n, start in zip(kept, count, first):
             assert len(k) == min(n, 12)
             assert not len(k) or k[0] == start
             gap = np.diff(np.append(k, start + n))
             assert not len(k) or (gap.min() >= n // len(k) and gap.max() <= -(-n // len(k)))
-    kept = np.concatenate(entries(few.offset, few.phases))
+    kept = np.concatenate(entries(few))
     np.testing.assert_array_equal(few.weight.numpy(), kept)
     np.testing.assert_array_equal(few.bias.numpy(), kept / 2)
-    kept = np.concatenate(entries(few.silent_offset, few.silent_phases))
+    kept = np.concatenate(entries(few, "silent_"))
     np.testing.assert_array_equal(few.silent_probes.numpy(), np.repeat(kept, 2))
     np.testing.assert_array_equal(few.silent_bias.numpy(), kept)
 
@@ -82,29 +83,31 @@ def test_thinned_lists_are_spread_evenly(pairs):
 def test_ignored_pixels_say_nothing(pairs):
     ignored = np.array([0, 1, 0, 1, 0], bool)
     left = without(pairs, ignored)
-    for offset, phases, count in (
-        (left.offset, left.phases, COUNT),
-        (left.silent_offset, left.silent_phases, SILENT),
-    ):
+    for kept, count in ((entries(left), COUNT), (entries(left, "silent_"), SILENT)):
         expected = np.arange(count.sum())[np.repeat(~ignored, count)]
-        np.testing.assert_array_equal(np.concatenate(entries(offset, phases)), expected)
-        np.testing.assert_array_equal(np.diff(offset.numpy().astype(int)), np.where(ignored, 0, count))
+        np.testing.assert_array_equal(np.concatenate(kept), expected)
+        np.testing.assert_array_equal([len(k) for k in kept], np.where(ignored, 0, count))
+    np.testing.assert_array_equal(left.counts, np.where(ignored, 0, COUNT))
 
 
 @pytest.mark.parametrize("extra", ["bias", "weight"])
 def test_chosen_pixels_keep_what_their_pairs_have(pairs, extra):
     """Also where one of the lists is left out."""
-    few = replace(
+    some = replace(
         pairs,
         threshold_on=mi.Float(np.arange(5, dtype=np.float32)),
         threshold_off=mi.Float(np.ones(5, np.float32)),
         **{({"bias", "weight"} - {extra}).pop(): None},
-    ).of_pixels(np.array([3, 1]))
-    kept = np.concatenate([np.arange(103, 110), np.arange(3)])
-    np.testing.assert_array_equal(np.concatenate(entries(few.offset, few.phases)), kept)
+    ).at(mi.UInt32(3, 1))
+    kept = [np.arange(103, 110), np.arange(3)]
+    np.testing.assert_equal(entries(some), kept)
+    np.testing.assert_equal(entries(some, "silent_"), [[62], np.arange(0)])
+    assert list(some.having(("bias", "weight"))) == [extra] and some.threshold_on.numpy().tolist() == [3, 1]
+    few = thin(some.events, 100)
+    np.testing.assert_equal(entries(few), kept)
+    kept = np.concatenate(kept)
     np.testing.assert_array_equal(getattr(few, extra).numpy(), kept * (0.5 if extra == "bias" else 1.0))
-    assert few.extras == [extra] and few.threshold_on.numpy().tolist() == [3, 1]
-    assert few.silent_offset is None and few.silent_bias is None
+    assert few.silent_first is None and few.silent_bias is None
 
 
 phases = st.floats(0, 255, width=32, exclude_max=True)
@@ -131,7 +134,7 @@ def test_light_at_both_ends_of_a_pair(rng):
     signal, order = rng.random((3, 2)).astype(np.float32), np.array([1, -1, 0, 2])
     start, end, polarity = np.array([0.25, 3.5, 2.0]), np.array([1.5, 0.75, 3.999]), np.array([1, -1, 1])
     phases, slots = mi.Float(pack_phases(start, end, polarity)), mi.UInt32(pack_slots(order, 3))
-    pairs = PairData(mi.UInt32(0, 1, 3), phases, None, None, slots)
+    pairs = PairData(mi.UInt32(0, 1), mi.UInt32(1, 3), phases, None, None, slots)
     pixel = np.array([0, 1, 1])
     given_pixel = mi.UInt32(pixel.astype(np.uint32)), mi.Bool(True)
     table = signal_table([mi.Float(row) for row in signal], 2)

@@ -55,20 +55,23 @@ def test_pairs_and_silences_of_the_masked_pixels(recorded, rng, hot):
     np.testing.assert_array_equal(problem.pixel, pixel)
     np.testing.assert_array_equal(problem.fired, COUNT[pixel] > 0)
     ours = problem.pairs
-    for offset, phases, bias, count, polarity, length in (
-        (ours.offset, ours.phases, ours.bias, COUNT, pairs.polarity, 0.5),
-        (ours.silent_offset, ours.silent_phases, ours.silent_bias, SILENT, pairs.silent_polarity, 0.25),
+    for name, count, polarity, length in (
+        ("", COUNT, pairs.polarity, 0.5),
+        ("silent_", SILENT, pairs.silent_polarity, 0.25),
     ):
+        first, last, phases = (getattr(ours, f"{name}{of}").numpy() for of in ("first", "last", "phases"))
+        bias = (ours.silent_bias if name else ours.bias).numpy()
         kept = np.repeat(MASK.ravel() & (np.arange(6) != hot), count)
-        start, coded = phases.numpy().reshape(-1, 2).T
-        k = np.flatnonzero(kept)
+        k = np.concatenate([np.arange(*ends) for ends in zip(first, last)])
+        np.testing.assert_array_equal(k, np.flatnonzero(kept))
+        start, coded = phases.reshape(-1, 2)[k].T
         np.testing.assert_allclose(start, k / 16)
         np.testing.assert_allclose(coded, polarity[k] * (1 + k / 16 + length))
-        np.testing.assert_allclose(bias.numpy(), k / 16 - length)
-        n = np.where(pixel == hot, 0, count[pixel])
-        np.testing.assert_array_equal(offset.numpy(), np.append(0, np.cumsum(n)))
-    probes = problem.pairs.silent_probes.numpy().reshape(-1, 2)
+        np.testing.assert_allclose(bias[k], k / 16 - length)
+        np.testing.assert_array_equal(last - first, np.where(pixel == hot, 0, count[pixel]))
+    probes = problem.pairs.silent_probes.numpy().reshape(-1, 2)[k]
     np.testing.assert_array_equal(probes, 3 * np.stack([k, k + 1], axis=-1))
+    assert problem.told is pairs
     np.testing.assert_array_equal(problem.pairs.probes.numpy(), pairs.silent_probe)
 
 

@@ -14,7 +14,7 @@ ALL = (
     recipes.after_events,
     recipes.after_model,
     recipes.quick,
-    recipes.neighbours,
+    recipes.refine,
 )
 
 
@@ -27,6 +27,12 @@ def test_recipes_end_by_saying_how_well_pixels_are_known(recipe):
     assert {stage.tolerance for stage in stages if hasattr(stage, "tolerance")} == {0.3}
 
 
+def test_a_rough_start_hears_early_events_and_no_neighbours():
+    stages = recipes.rough(Effort())
+    assert not any(isinstance(stage, AllPairs) for stage in stages)
+    assert isinstance(stages[-2], PixelNoise) and stages[-1].priors is None
+
+
 def test_the_search_hardens_its_horizon():
     soft, hard = recipes.whole(Effort())[:2]
     assert soft.softness > 0.1 and hard.softness is None
@@ -34,4 +40,3 @@ def test_the_search_hardens_its_horizon():
 
 def test_tolerance_reaches_the_priors():
     assert Effort(priors=Priors(n_round=3)).at(0.5).priors == Priors(n_round=3, tolerance=0.5)
-    assert recipes.alone(Effort()).at(0.5).priors is None

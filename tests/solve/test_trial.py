@@ -1,5 +1,6 @@
 """Several readings of the same events, tried in one solve: the right one costs least."""
 
+import mitsuba as mi
 import numpy as np
 
 from evsdr.solve import trial
@@ -14,8 +15,8 @@ def test_the_right_reading_costs_least():
     swapped = order.copy()
     swapped[[4, 5]] = 5, 4
     problems = [problem_of(recording, light, mask, o) for o in (order, swapped)]
-    row = np.arange(10, problems[0].n_pixel, 6)
-    cases = [problem.pairs.of_pixels(row) for problem in problems]
+    row = np.arange(10, problems[0].n_pixel, 6, dtype=np.uint32)
+    cases = [problem.pairs.at(mi.UInt32(row)) for problem in problems]
     costs = trial.costs(cases, problems[0].illumination, row, False)
     assert costs.shape == (2, len(row)) and costs[0].sum() < costs[1].sum() - 50
     found = trial.solve(cases[:1], problems[0].illumination, row, False)
@@ -32,8 +33,8 @@ def test_what_each_reading_leaves_unexplained():
     swapped = np.arange(24)
     swapped[[4, 15]] = 15, 4
     problems = [problem_of(recording, light, mask, o) for o in (np.arange(24), swapped)]
-    row = np.arange(10, problems[0].n_pixel, 6)
-    cases = [problem.pairs.of_pixels(row) for problem in problems]
+    row = np.arange(10, problems[0].n_pixel, 6, dtype=np.uint32)
+    cases = [problem.pairs.at(mi.UInt32(row)) for problem in problems]
     for thresholds in (False, True):
         right, wrong = trial.readings(cases, problems[0].illumination, row, thresholds)
         assert right.theta.shape == (len(row), 10) and len(right.residual) == len(right.pixel)

@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 
 from evsdr.solve.loss import derivative_table
-from evsdr.solve.pair_data import PairData, pack_phases, pack_slots
+from evsdr.solve.pair_data import PairData, bounds, pack_phases, pack_slots
 
 N_LED, N_BAND, N_PIXEL, C_W, SCALE, ROBUST = 6, 3, 21, 0.1, 0.2, 3.0
 ORDER = np.array([0, 1, -1, 2, 5, 4, 3, 3])
@@ -57,14 +57,16 @@ class Scene:
         weight = rng.uniform(0, 2, n).astype(np.float32)
         bias, silent_bias = rng.normal(0, 0.05, (2, n)).astype(np.float32)
         offset = np.append(0, np.cumsum(count))
-        index = mi.UInt32(offset.astype(np.uint32))
+        first, last = bounds(offset, mi.UInt32)
         pairs = PairData(
-            offset=index,
+            first=first,
+            last=last,
             phases=mi.Float(pack_phases(start, end, polarity)),
             threshold_on=mi.Float(on),
             threshold_off=mi.Float(off),
             slot_leds=mi.UInt32(pack_slots(ORDER, N_LED)),
-            silent_offset=index,
+            silent_first=first,
+            silent_last=last,
             silent_phases=mi.Float(pack_phases(start, end, ended)),
             silent_probes=mi.UInt32((3 * np.arange(n)[:, None] + [0, 3]).astype(np.uint32).ravel()),
             silent_bias=mi.Float(silent_bias),

@@ -37,4 +37,4 @@ def fitted_alone(ring, recording, thresholds=False):
     """Give the world and a fit of pixels that are each alone."""
     world = replace(world_of(ring, recording), thresholds=thresholds)
     solve = Decoder(ring, Settings(), start_normals(ring, "frontal"), thresholds)
-    return world, solve(world.problem(), None, "alone")
+    return world, solve(world.problem(), None, "rough")

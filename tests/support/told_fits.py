@@ -10,8 +10,9 @@ from evsdr.records import Schedule, Sensor
 N = 100
 
 
-def fitted(gain=None, noise=0.1, noisy=0, known=N, scaled=N):
-    """A fit; the first of its pixels are so noisy that they count for nothing, and only some, or their scales, are known."""
+def fitted(gain=None, noise=0.1, noisy=0, known=N, scaled=N, busy=0):
+    """A fit; the first of its pixels are so noisy that they count for nothing, only some, or their scales, are known,
+    and the first fire nine times as often."""
     factor = np.ones(N)
     factor[:noisy] = 2 * verdict.CONTRARY
     solution = SimpleNamespace(
@@ -23,19 +24,19 @@ def fitted(gain=None, noise=0.1, noisy=0, known=N, scaled=N):
     )
     mask, mask_reflectance = ((np.arange(N) < n).reshape(10, 10) for n in (known, min(known, scaled)))
     maps = SimpleNamespace(mask=mask, mask_reflectance=mask_reflectance)
-    problem = SimpleNamespace(pixel=np.arange(N), n_pixel=N, fired=np.ones(N, bool))
+    count = np.full(N, 20)
+    count[:busy] *= 9
+    told = SimpleNamespace(offset=np.append(0, np.cumsum(count)).astype(np.uint32))
+    problem = SimpleNamespace(pixel=np.arange(N), n_pixel=N, fired=np.ones(N, bool), told=told)
     return SimpleNamespace(solution=solution, maps=maps, problem=problem)
 
 
-def world(constant_light=0.05, busy=0, **more):
-    """A world whose first pixels fire nine times as often."""
-    count = np.full(N, 20)
-    count[:busy] *= 9
+def world(constant_light=0.05, **more):
+    """A world that believes what it is told."""
     recording = SimpleNamespace(
         source="b.h5", sensor=Sensor(10, 10, 0.2, 0.3, 50.0), schedule=Schedule(np.array([0, 0, 2]), 1e4, 1.0)
     )
     leds = SimpleNamespace(band=[0, 1, 2], band_wavelength_nm=np.array([450.0, 550.0, 650.0]))
     ring = SimpleNamespace(path="a.xml", constant_light=constant_light, leds=leds)
-    pairs = SimpleNamespace(offset=np.append(0, np.cumsum(count)).astype(np.uint32))
-    given = dict(ring=ring, recording=recording, hot=None, pairs=lambda: pairs, decisions={})
+    given = dict(ring=ring, recording=recording, hot=None, decisions={})
     return SimpleNamespace(**given | more)

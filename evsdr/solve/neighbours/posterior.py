@@ -21,6 +21,7 @@ import numpy as np
 from scipy import ndimage
 
 from evsdr.frozen import recorded
+from evsdr.model.arrays import owned, picked
 from evsdr.progress import Progress, silent
 from evsdr.solve import triangles
 from evsdr.solve.grid import Grid, Links
@@ -286,15 +287,17 @@ class Scale:
 
 def differences(prior: Prior, theta: list, inverse: list, links: Links, sample: np.ndarray):
     """Give differences (n, d) at some pixels, and their covariances (n, d, d) if pixels are independent."""
-    parts, valid = _differences(prior, theta, inverse, links)
-    values, factor, covariance = parts
-    factor = np.broadcast_to(_numpy(factor), (dr.width(theta[0]),))
-    covariance = np.array([[_numpy(c)[sample] for c in row] for row in covariance], float)
+    index = owned(type(links.index["left"]), sample)
+    (values, factor, covariance), valid = _differences(prior, theta, inverse, links, index)
+    factor, covariance = (
+        _numpy(factor).astype(float),
+        np.array([[_numpy(c) for c in row] for row in covariance], float),
+    )
     z, noise = [], []
     for components, products, there in zip(values, prior.products(), valid):
-        some = there.numpy()[sample]
-        scale = factor[sample][some].astype(float)
-        z.append(scale[:, None] * np.stack([_numpy(c)[sample][some] for c in components], axis=-1))
+        some = there.numpy()
+        scale = np.broadcast_to(factor, some.shape)[some]
+        z.append(scale[:, None] * np.stack([_numpy(c)[some] for c in components], axis=-1))
         own = np.zeros((len(scale), prior.size, prior.size))
         for i, j, k, m, stencil in products:
             own[:, i, j] += sum(stencil.weight.values()) * covariance[k, m][some]
@@ -303,9 +306,10 @@ def differences(prior: Prior, theta: list, inverse: list, links: Links, sample: 
 
 
 @recorded
-def _differences(prior: Prior, theta: list, inverse: list, links: Links):
+def _differences(prior: Prior, theta: list, inverse: list, links: Links, index):
     values = prior.values(prior.quantities(theta), links)
-    return (values, prior.factor(theta, links), prior.covariance(theta, inverse)), prior.valid(links)
+    found = values, prior.factor(theta, links), prior.covariance(theta, inverse)
+    return picked(found, index), picked(prior.valid(links), index)
 
 
 def _numpy(value) -> np.ndarray:

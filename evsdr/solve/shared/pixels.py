@@ -187,7 +187,7 @@ def choose(problem: Problem, solution: Solution, most: int) -> np.ndarray:
 def collect(recording: Recording, problem: Problem, solution: Solution, row: np.ndarray) -> Pixels:
     """Collect some rows of a problem, with the events of their pixels."""
     schedule, pairs, light = recording.schedule, problem.pairs, problem.illumination
-    Float, UInt32 = type(light.constant_light), type(pairs.offset)
+    Float, UInt32 = type(light.constant_light), type(pairs.first)
     soft = dr.opaque(Float, light.horizon, problem.n_pixel)
     if solution.curved:
         soft = horizon(columns(Float, solution.theta), problem.grid.links, soft)

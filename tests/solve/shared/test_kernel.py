@@ -16,7 +16,7 @@ from evsdr.solve import silence_terms
 from evsdr.solve.event_terms import normal_equations
 from evsdr.solve.law import gaussian_share
 from evsdr.solve.loss import derivative_table
-from evsdr.solve.pair_data import PairData, pack_phases, pack_slots
+from evsdr.solve.pair_data import PairData, bounds, pack_phases, pack_slots
 from evsdr.solve.shared.kernel import N_TIMING, Terms, pixel_sums
 from tests.support.pixel_light import ring
 from tests.support.sphere import NO_FLAWS
@@ -281,12 +281,12 @@ def test_the_law_is_that_of_the_maps_solver(rng, monkeypatch):
     by_p, by_q = rng.normal(0, 0.3, (2, N_LED, N_PIXEL))
     lit = signal[:, 0]
     theirs = PairData(
-        offset=mi.UInt32(pairs.offset),
+        **dict(zip(("first", "last"), bounds(pairs.offset, mi.UInt32))),
         phases=mi.Float(pack_phases(pairs.phase_start, pairs.phase_end, pairs.polarity)),
         threshold_on=mi.Float(on.ravel()),
         threshold_off=mi.Float(off.ravel()),
         slot_leds=mi.UInt32(pack_slots(order, N_LED)),
-        silent_offset=mi.UInt32(pairs.silent_offset),
+        **dict(zip(("silent_first", "silent_last"), bounds(pairs.silent_offset, mi.UInt32))),
         silent_phases=mi.Float(pack_phases(pairs.silent_start, pairs.silent_end, pairs.silent_polarity)),
         silent_probes=mi.UInt32(np.stack([pairs.probe_offset[:-1], pairs.probe_offset[1:]], -1).ravel()),
         probes=mi.Float(pairs.silent_probe),
