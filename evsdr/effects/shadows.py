@@ -67,8 +67,6 @@ class ShadowsInEvents:
         """Ask the events of pixels that the maps explain badly; what is traced is their prior."""
         if asked not in ("auto", "latent"):
             return None
-        if asked == "auto" and not world.terms.thorough and world.ring.shape_is_known:
-            return self._left_out(world, "where the shape is known, the preset fast asks no events for them")
         if world.terms.solver == "adam":
             return self._left_out(world, "the solver adam asks no events for them")
         if asked == "auto" and fitted.solution.noise > MISFIT:  # what is wrong is not what some pixels see

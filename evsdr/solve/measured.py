@@ -38,10 +38,10 @@ def measure_signals(data: Data, solution: Solution, pixel: np.ndarray) -> Signal
     n_pixel, n_light = total.shape
     change, sigma = np.zeros((2, n_pixel, n_light), np.float32)
     residual = np.zeros(n_pixel, np.float32)
-    offset, phases, bias, slot_leds, thresholds = _told(data.pairs, solution)
+    pairs, slot_leds, thresholds = _told(data.pairs, solution)
     noise = solution.noise * solution.noise_factor.astype(np.float64)
     bound = np.linspace(0, n_pixel, N_CHUNK + 1).astype(np.int64)
-    given = offset, phases, bias, slot_leds, thresholds, total, noise, float(data.robust)
+    given = pairs, slot_leds, thresholds, total, noise, float(data.robust)
 
     def work(chunk):
         _solve_pixels(*given, bound[chunk], bound[chunk + 1], change, sigma, residual)
@@ -54,7 +54,7 @@ def measure_signals(data: Data, solution: Solution, pixel: np.ndarray) -> Signal
         change=change[:, :-1],
         sigma=sigma[:, :-1],
         residual=residual,
-        count=np.diff(offset),
+        count=pairs[1],
         band=np.array(light.band),
         direction=direction / np.linalg.norm(direction, axis=1, keepdims=True),
         constant_light=constant_light,
@@ -76,22 +76,21 @@ def light_of(data: Data, solution: Solution) -> np.ndarray:
 
 
 def _told(pairs: PairData, solution: Solution) -> tuple:
-    """Give what events tell as NumPy's arrays: offsets, phases, biases, LEDs of each slot, thresholds (2, n_pixel)."""
-    offset, phases = pairs.offset.numpy().astype(np.int64), pairs.phases.numpy()
+    """Give what events tell as NumPy's arrays: pairs (where they begin, count, phases, biases), LEDs of each slot, thresholds (2, n_pixel)."""
+    begin, count, phases = pairs.first.numpy().astype(np.int64), pairs.counts, pairs.phases.numpy()
     bias = np.zeros(len(phases) // 2, np.float32) if pairs.bias is None else pairs.bias.numpy()
-    n_pixel = len(offset) - 1
+    n_pixel = len(begin)
     given = (pairs.threshold_on, pairs.threshold_off)
     thresholds = np.stack([np.broadcast_to(t.numpy(), n_pixel) for t in given]).astype(np.float64)
     if solution.threshold_gain is not None:
         thresholds *= solution.threshold_gain.T
-    return offset, phases, bias, pairs.slot_leds.numpy().astype(np.int64), thresholds
+    return (begin, count, phases, bias), pairs.slot_leds.numpy().astype(np.int64), thresholds
 
 
 @njit(cache=True, nogil=True)
-def _solve_pixels(
-    offset, phases, bias, slot_leds, thresholds, total, noise, robust, first, last, change, sigma, residual
-):
+def _solve_pixels(pairs, slot_leds, thresholds, total, noise, robust, first, last, change, sigma, residual):
     """Fill x, its standard deviation, and the scatter of residuals of pixels first .. last - 1."""
+    begin, count, phases, bias = pairs
     n = total.shape[1]
     at, share = np.empty(4, np.int64), np.empty(4)
     matrix, pull, told = np.empty((n, n)), np.empty(n), np.empty(n, np.bool_)
@@ -100,7 +99,7 @@ def _solve_pixels(
         for j in range(n):
             matrix[j, j] = PRIOR
         square, all_weights = 0.0, 0.0
-        for k in range(offset[i], offset[i + 1]):
+        for k in range(begin[i], begin[i] + count[i]):
             logs = bias[k]
             for side in range(2):
                 phase = np.float64(phases[2 * k]) if side == 0 else abs(np.float64(phases[2 * k + 1])) - 1

@@ -105,14 +105,6 @@ def test_misfit_of_another_cause_hides_no_led(heard):
     assert ShadowsInEvents().decide("latent", world, fitted).modelled
 
 
-def test_fast_asks_no_events_where_the_shape_is_known(heard):
-    world, fitted = heard(300, 0.9)
-    hasty = replace(world, terms=replace(world.terms, thorough=False))
-    decision = ShadowsInEvents().decide("auto", hasty, fitted)
-    assert world.ring.shape_is_known and not decision.modelled and "preset fast" in decision.why
-    assert ShadowsInEvents().decide("latent", hasty, fitted).modelled
-
-
 def test_few_hidden_leds_do_not_count(heard):
     world, fitted = heard(1, 0.9)
     decision = ShadowsInEvents().decide(

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from evsdr.events.pairs import pair_events
-from evsdr.model.arrays import owned
 from evsdr.solve.loop import data_of
 from evsdr.solve.measured import light_of, measure_signals
 from evsdr.solve.problem import make_problem
@@ -80,7 +79,7 @@ def test_residuals_show_what_maps_leave_unexplained(sphere):
 
 def test_what_no_event_tells_is_unknown(sphere):
     *_, data, solution, pixel = sphere
-    pairs = replace(data.pairs, offset=owned(type(data.pairs.offset), np.zeros(len(pixel) + 1)))
+    pairs = replace(data.pairs, last=data.pairs.first)
     signals = measure_signals(replace(data, pairs=pairs), solution, pixel)
     assert not signals.change.any() and not signals.residual.any()
     assert signals.sigma.min() > 0.95
