@@ -18,7 +18,20 @@ from evsdr.records import Maps, Signals, Truth
 from evsdr.shape.depth import Depth
 
 HERE = Path(__file__).parent
-SCRIPTS = "decode", "npz", "colour", "maps", "relight", "mesh", "charts", "pixel", "compare", "stage", "main"
+SCRIPTS = (
+    "decode",
+    "npz",
+    "colour",
+    "maps",
+    "relight",
+    "mesh",
+    "charts",
+    "pixel",
+    "compare",
+    "stage",
+    "sheet",
+    "main",
+)
 
 
 def write_report(

@@ -223,12 +223,17 @@ def test_daylight_is_the_picture(opened, fit):
 # ---------------------------------------------------------------------- handling
 
 
-def drag(browser, start, end):
-    """Press at a share of the picture, move, let go."""
-    box = browser.evaluate(
+def frame_box(browser):
+    """Bring the picture into view; gives its left, top, width and height."""
+    return browser.evaluate(
         "(() => { const f = document.getElementById('frame'); f.scrollIntoView({block: 'center'});"
         " const b = f.getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; })()"
     )
+
+
+def drag(browser, start, end):
+    """Press at a share of the picture, move, let go."""
+    box = frame_box(browser)
     for kind, (x, y) in (("mousePressed", start), ("mouseMoved", end), ("mouseReleased", end)):
         at = {"x": box[0] + x * box[2], "y": box[1] + y * box[3]}
         browser.send("Input.dispatchMouseEvent", type=kind, button="left", buttons=1, clickCount=1, **at)
@@ -250,6 +255,19 @@ def test_dragging_moves_the_lamp_and_a_click_chooses_a_pixel(opened):
     drag(opened, (0.7, 0.3), (0.7, 0.3))
     assert value(opened, "azimuth") == before
     assert (value(opened, "column"), value(opened, "row")) == (12, 4)  # of 18 x 14
+
+
+def test_a_finger_moves_the_lamp(browser, fit, tmp_path):
+    open_page(browser, tmp_path, fit.page(), size=PHONE, phone=True)
+    browser.send("Emulation.setTouchEmulationEnabled", enabled=True)
+    try:
+        left, top, width, height = frame_box(browser)
+        for kind, share in (("touchStart", 0.5), ("touchMove", 0.7), ("touchMove", 0.9), ("touchEnd", None)):
+            points = [] if share is None else [{"x": left + share * width, "y": top + 0.5 * height}]
+            browser.send("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+    finally:
+        browser.send("Emulation.setTouchEmulationEnabled", enabled=False)
+    assert value(browser, "azimuth") == pytest.approx(0, abs=4) and value(browser, "elevation") < 30
 
 
 def test_a_picture_is_enlarged_about_the_chosen_pixel(opened):
