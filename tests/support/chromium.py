@@ -1,10 +1,12 @@
 """A headless Chromium, driven over the pipe of its debugging protocol: no library needed."""
 
 import base64
+import fcntl
 import json
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -22,6 +24,8 @@ OPTIONS = (
     "--remote-debugging-pipe",
 )
 READY = "document.documentElement?.dataset.ready === 'yes' || document.getElementById('trouble')?.hidden === false"
+# Becomes the browser, whose pipes are files 3 and 4
+AT_THREE_AND_FOUR = "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2]), 4); os.execv(sys.argv[3], sys.argv[3:])"
 PATIENCE = 90.0  # seconds for an answer
 
 
@@ -38,18 +42,12 @@ class Chromium:
         self.profile = tempfile.mkdtemp(prefix="evsdr-chromium-")
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
-        command = [program, *OPTIONS, f"--user-data-dir={self.profile}", "about:blank"]
-
-        def at_three_and_four():
-            os.dup2(os.dup(to_browser), 3)
-            os.dup2(os.dup(from_browser), 4)
-
         # Copies first, as one of the pipes may itself be 3 or 4
         to_browser, from_browser = (_above_four(end) for end in (to_browser, from_browser))
+        options = [*OPTIONS, f"--user-data-dir={self.profile}", "about:blank"]
         self._process = subprocess.Popen(
-            command,
-            preexec_fn=at_three_and_four,
-            close_fds=False,
+            [sys.executable, "-c", AT_THREE_AND_FOUR, str(to_browser), str(from_browser), program, *options],
+            pass_fds=(to_browser, from_browser),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
@@ -168,8 +166,6 @@ class Chromium:
 
 def _above_four(end: int) -> int:
     """Move an end of a pipe away from the numbers that the browser is told."""
-    import fcntl
-
     copy = fcntl.fcntl(end, fcntl.F_DUPFD, 10)
     os.close(end)
     return copy
