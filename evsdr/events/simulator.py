@@ -10,11 +10,12 @@ import numpy as np
 
 from evsdr.errors import InputError
 from evsdr.events.pixel import SMALLEST_THRESHOLD, EventPixel
-from evsdr.events.pixel_kernel import Model, run_pixels
+from evsdr.events.pixel_kernel import NOISE_STEP, Model, run_pixels
 from evsdr.records import Events, Schedule
 
 SPREAD_CORRELATION = -0.21  # between the fixed patterns of C_on and C_off, measured on 921,600 pixels
 SMALLEST_LIGHT = 1e-6  # darkness, so that the logarithm stays finite
+MOST_STEPS = 1e8  # of a pixel, some ten seconds; guessed
 BLOCK = 4096  # pixels between two looks at the keyboard
 ROOM = 256  # events of a pixel before it is done again with more room
 
@@ -183,6 +184,8 @@ def find_crossings(
         event_noise=float(pixel.event_noise),
         refractory_us=float(pixel.refractory_us),
     )
+    if model.noise > 0:
+        _check_steps(model, float(signal.max()) + constant_light, len(schedule.order))
     n_pixel = signal[0].size
     lit = np.append(schedule.order, schedule.order[0])
     signal = signal.reshape(len(signal), n_pixel)
@@ -205,3 +208,13 @@ def find_crossings(
         if progress:
             progress(min(begin + BLOCK, n_pixel), n_pixel)
     return Crossings(*(np.concatenate(part) for part in zip(*parts)))
+
+
+def _check_steps(model: Model, light: float, n_slot: int) -> None:
+    """Refuse light in which photoreceptors are so fast that their noise takes too many steps."""
+    duration = model.slot_us * n_slot * model.n_round
+    if model.cutoff * light * duration / NOISE_STEP > MOST_STEPS:
+        raise InputError(
+            f"a pixel's light is up to {light:.3g}, in which photoreceptors are too fast to be simulated for "
+            f"{duration / 1e6:.3g} s: lower the powers of the LEDs, cutoff_hz or the rounds, or take no noise."
+        )

@@ -143,12 +143,14 @@ def _read_thresholds(path: Path, size: tuple[int, int], region: tuple[int, ...] 
             raise InputError(
                 f"{path}: {name} must be a number or an array of (height, width) = {size}; write it so."
             )
+        with np.errstate(over="ignore"):
+            value = value.astype(np.float32) if value.ndim else value
         least = value.min() if np.isfinite(value).all() else -np.inf
         if least < 0 or (least == 0 and name != "refractory_us"):
             raise InputError(f"{path}: {name} has values that are not above 0; put the median there.")
         if value.shape == size:
             value = value[top : top + height, left : left + width]
-        known[name] = value.astype(np.float32) if value.ndim else float(value)
+        known[name] = value if value.ndim else float(value)
     return known
 
 

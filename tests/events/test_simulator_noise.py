@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from evsdr.errors import InputError
 from evsdr.events.pixel import EventPixel
 from evsdr.events.simulator import draw_pattern, simulate_events
 from tests.support.pixel_light import CUTOFF, log_light, ring, run
@@ -102,3 +103,9 @@ def test_default_noise_fires_nothing_in_steady_light(light):
     """The default shot noise is 1/26 of the nominal threshold."""
     pixel = EventPixel(spread_on=0, spread_off=0, leak_hz=0, hot_fraction=0)
     assert len(simulate_events(np.full((1, 16, 16), light), 0.0, ring([0], 1e6), 1, pixel)[0]) == 0
+
+
+def test_light_in_which_photoreceptors_are_too_fast_is_refused():
+    signal = np.full((2, 1, 1), 1e9)
+    with pytest.raises(InputError, match="light is up to 1e[+]09, in which photoreceptors are too fast"):
+        run(signal, 0.0, ring([0, 1], 10_000.0), 1, EventPixel())
