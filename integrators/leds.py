@@ -117,7 +117,11 @@ def _natural(name: str) -> list:
 
 def _packets() -> mi.Spectrum:
     """Lay the wavelength grid out as four-wavelength packets."""
-    padded = np.append(quadrature.WAVELENGTH_NM, np.full(-len(quadrature.WAVELENGTH_NM) % 4, 830.0))
+    return _packed(quadrature.WAVELENGTH_NM, 830.0)
+
+
+def _packed(values: np.ndarray, end: float = 0.0) -> mi.Spectrum:
+    padded = np.append(values, np.full(-len(values) % 4, end))
     return mi.Spectrum(np.ascontiguousarray(padded.reshape(-1, 4).T.astype(np.float32)))
 
 
@@ -130,20 +134,37 @@ def _unpack(value: mi.Spectrum) -> np.ndarray:
 
 def _spectrum(scene: mi.Scene, emitter: mi.Emitter) -> np.ndarray:
     """Read an emitter's spectrum by asking what it sends to a place that it lights."""
+    return _unpack(_packets_of(scene, emitter, _packets()))
+
+
+def _packets_of(scene: mi.Scene, emitter: mi.Emitter, wavelengths: mi.Spectrum) -> mi.Spectrum:
     shape = emitter.get_shape()
     it = dr.zeros(mi.SurfaceInteraction3f)
+    it.wavelengths = wavelengths
     if shape is not None:
         on_light = shape.sample_position(0.0, mi.Point2f(0.5))
         it.p, it.n = on_light.p, on_light.n
         it.wi = mi.Vector3f(0, 0, 1)
-        it.wavelengths = _packets()
-        return _unpack(emitter.eval(it))
+        return emitter.eval(it)
     box = scene.bbox()
     it.p = mi.Point3f(box.max) + 1.0 + (box.max - box.min)
-    it.wavelengths = _packets()
     ds, irradiance = emitter.sample_direction(it, mi.Point2f(0.5))
     distance = 1.0 if _is_far(emitter) else ds.dist
-    return _unpack(irradiance * dr.square(distance))
+    return irradiance * dr.square(distance)
+
+
+def power_factor(scene: mi.Scene, leds: Leds, j: int, response: mi.Texture | None = None) -> mi.Float:
+    """Give 1, with the derivative of log (INT D E_j / E_j at its peak) by what the LED's spectrum hangs on.
+
+    The geometric factor is what arrives at the peak wavelength, relative to a number; with this factor beside it the
+    derivative is that of the whole spectrum.
+    """
+    emitter = leds.emitter[j]
+    weight = _packed(_response(response) * quadrature.trapezoid_weights())
+    spectrum = _packets_of(scene, emitter, _packets())
+    power = dr.sum(dr.sum(spectrum * weight))
+    peak = _packets_of(scene, emitter, mi.Spectrum(float(leds.peak_nm[j])))[0]
+    return power / dr.detach(power) * dr.detach(peak) / peak
 
 
 def _response(texture: mi.Texture | None) -> np.ndarray:

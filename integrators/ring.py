@@ -24,12 +24,19 @@ visibility, direction and distance of the LEDs, and is traced once:
     Normals in the camera frame (x right, y up, z toward the camera), of any length. Differentiable.
 `reflectance` (tensor (H, W, n_band))
     Band reflectance. Differentiable.
+
+What is changed in the scene is seen: LEDs, shapes and camera may be moved by `mi.traverse`, and are traced anew. With the
+textures, signals also have derivatives by position, direction and power of the LEDs; without them, by what Mitsuba's
+materials and emitters expose; in reverse, too, for any number of rays. Visibility has none: where a shadow's edge, the
+object's outline or a far LED's horizon moves over a pixel, derivatives miss that change. Nor have shapes and camera with
+the textures, as these lie on the image. An LED whose spectrum changes its shape may become a band of its own.
 """
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from evsdr.integrators.leds import Leds, emitter_id, find_leds
+from evsdr.integrators.leds import Leds, emitter_id, find_leds, power_factor
+from evsdr.integrators.values import is_of_led, is_of_scene, values_of
 
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import led_signals
@@ -45,9 +52,10 @@ class RingIntegrator(mi.SamplingIntegrator):
         self.response = props.get_unbounded_texture("response", 1.0)
         self.normal = mi.TensorXf(dr.zeros(mi.Float, 0), (0, 0, 3))
         self.reflectance = mi.TensorXf(dr.zeros(mi.Float, 0), (0, 0, 0))
-        # What was found before. No key holds the scene: it holds the integrator, and neither would be freed.
-        self._leds = None  # (emitters, Leds)
-        self._illumination = None  # ((shapes, emitters, sensor, spp, seed), Illumination)
+        # What was found before, with what it was found from (see `values_of`). No key holds the scene: it holds the
+        # integrator, and neither would be freed.
+        self._leds = None  # (key, Leds)
+        self._illumination = None  # (key, Illumination)
         if self.max_depth < 1:
             raise ValueError(f"ring: max_depth must be at least 1, got {self.max_depth}")
 
@@ -102,10 +110,11 @@ class RingIntegrator(mi.SamplingIntegrator):
     # ------------------------------------------------------------------ forward: the scene's own surfaces
 
     def leds(self, scene) -> Leds:
-        """Collect the LEDs of a scene; their spectra are read once per scene."""
-        emitters = scene.emitters()
-        if self._leds is None or self._leds[0] != emitters:
-            self._leds = (emitters, find_leds(scene, self.response))
+        """Collect the LEDs of a scene; their spectra are read again when one of them has changed."""
+        key = scene.emitters(), values_of(scene, is_of_led)
+        if self._leds is None or self._leds[0] != key:
+            with dr.suspend_grad():
+                self._leds = (key, find_leds(scene, self.response))
         return self._leds[1]
 
     def signals(self, scene, sensor, spp, seed=0) -> list[mi.Float]:
@@ -204,7 +213,7 @@ class RingIntegrator(mi.SamplingIntegrator):
                     values += [dr.select(lit, facing, 0.0), facing]
                 if not far[j]:
                     arriving = rotate(frame, mean_vector(leds, j, si, active))
-                    values += [dr.norm(arriving), *arriving]
+                    values += [norm(arriving), *arriving]
             return values
 
         n_value = 1 + sum((2 if shadows else 0) + (0 if f else 4) for f in far)
@@ -220,23 +229,27 @@ class RingIntegrator(mi.SamplingIntegrator):
             if far[j]:
                 nowhere = dr.zeros(mi.SurfaceInteraction3f)
                 ds, geometry = toward_led(leds, j, nowhere, mi.Point2f(0.5), mi.Bool(True))
-                direction.append(mi.Vector3f(*(frame @ np.array(ds.d, float).ravel()).tolist()))
+                if dr.grad_enabled(ds.d):
+                    direction.append(rotate(frame, ds.d))
+                else:
+                    direction.append(mi.Vector3f(*(frame @ np.array(ds.d, float).ravel()).tolist()))
                 irradiance.append(power * geometry * visibility)
             else:
                 irradiance.append(power * next(value) * visibility)
                 d = mi.Vector3f(next(value), next(value), next(value))
-                length = dr.norm(d)
+                length = norm(d)
                 direction.append(dr.select(length > 0, d / dr.maximum(length, 1e-20), mi.Vector3f(0, 0, 1)))
+            if dr.grad_enabled(irradiance[-1]):
+                irradiance[-1] *= power_factor(scene, leds, j, self.response)
         bands, spread = [int(b) for b in leds.band], largest_spread(leds, scene)
         return Illumination(direction, irradiance, bands, self.constant_light, None, spread), coverage
 
     def _textured_signals(self, scene, sensor, spp, seed):
-        """Signals by the image-space textures; the geometry's part is traced once."""
-        seed_number = int(seed) if isinstance(seed, int) else int(seed[0])
-        key = (scene.shapes(), scene.emitters(), sensor, spp, seed_number)
-        if self._illumination is None or self._illumination[0] != key:
-            with dr.suspend_grad():
-                self._illumination = (key, self.illumination(scene, sensor, spp, seed)[0])
+        """Signals by the image-space textures; the geometry's part is traced once, or with its derivatives."""
+        if any(dr.grad_enabled(value) for name, value in mi.traverse(scene) if is_of_led(name)):
+            illumination = self.illumination(scene, sensor, spp, seed)[0]
+        else:
+            illumination = self._traced(scene, sensor, spp, seed)
         height, width, n_band = self.reflectance.shape
         if self.normal.shape != (height, width, 3) or n_band != self.leds(scene).n_band:
             raise ValueError(
@@ -250,7 +263,17 @@ class RingIntegrator(mi.SamplingIntegrator):
             dr.gather(mi.Float, self.reflectance.array, pixel * n_band + b, mode=dr.ReduceMode.Permute)
             for b in range(n_band)
         ]
-        return led_signals(self._illumination[1], normal, reflectance)
+        return led_signals(illumination, normal, reflectance)
+
+    def _traced(self, scene, sensor, spp, seed):
+        """Give the illumination without derivatives; traced anew when seed, rays, or anything in the scene has changed."""
+        seed_number = int(seed) if isinstance(seed, int) else int(seed[0])
+        values = values_of(scene, is_of_scene), values_of(sensor)
+        key = (scene.shapes(), scene.emitters(), sensor, *values, spp, seed_number)
+        if self._illumination is None or self._illumination[0] != key:
+            with dr.suspend_grad():
+                self._illumination = (key, self.illumination(scene, sensor, spp, seed)[0])
+        return self._illumination[1]
 
 
 # ---------------------------------------------------------------------- building blocks
@@ -284,6 +307,12 @@ def mean_vector(leds: Leds, j: int, si, active) -> mi.Vector3f:
             ds, geometry = toward_led(leds, j, si, mi.Point2f(u, v), active)
             total += geometry * ds.d
     return total / len(coordinate) ** 2
+
+
+def norm(v) -> mi.Float:
+    """Give the length of a vector; where it is 0, so is its derivative."""
+    square = dr.squared_norm(v)
+    return dr.select(square > 0, dr.sqrt(dr.select(square > 0, square, 1.0)), 0.0)
 
 
 def largest_spread(leds: Leds, scene: mi.Scene) -> float:
@@ -361,7 +390,9 @@ def pixel_mean(scene, sensor, spp, seed, n_value, measure) -> list[mi.Float]:
         return (s + 1, rng, *(t + v for t, v in zip(total, value)))
 
     zero = [dr.zeros(mi.Float, width * height) for _ in range(n_value)]
-    state = dr.while_loop((mi.UInt32(0), rng, *zero), lambda s, *_: s < spp, body, label="pixel samples")
+    state = dr.while_loop(
+        (mi.UInt32(0), rng, *zero), lambda s, *_: s < spp, body, label="pixel samples", max_iterations=-1
+    )
     return [total / spp for total in state[2:]]
 
 

@@ -91,7 +91,7 @@ def _found(path: Path, effects: object, effect: str, names: tuple[str, str], sha
         if not told["modelled"]:
             return None
         value, sigma = (np.asarray(told["found"][part], float) for part in names)
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise InputError(f"{path}: it does not tell of {effect}; name {WANTED}.") from None
     if value.shape != shape or sigma.shape != shape:
         raise InputError(

@@ -185,7 +185,7 @@ def find_crossings(
         refractory_us=float(pixel.refractory_us),
     )
     if model.noise > 0:
-        _check_steps(model, float(signal.max()) + constant_light, len(schedule.order))
+        _check_steps(model, float(signal.max()), len(schedule.order))
     n_pixel = signal[0].size
     lit = np.append(schedule.order, schedule.order[0])
     signal = signal.reshape(len(signal), n_pixel)
@@ -211,10 +211,11 @@ def find_crossings(
 
 
 def _check_steps(model: Model, light: float, n_slot: int) -> None:
-    """Refuse light in which photoreceptors are so fast that their noise takes too many steps."""
+    """Refuse light of LEDs in which photoreceptors are so fast that their noise takes too many steps; beside a constant
+    light alone, thresholds are out of its reach."""
     duration = model.slot_us * n_slot * model.n_round
     if model.cutoff * light * duration / NOISE_STEP > MOST_STEPS:
         raise InputError(
-            f"a pixel's light is up to {light:.3g}, in which photoreceptors are too fast to be simulated for "
+            f"a pixel's light of an LED is up to {light:.3g}, in which photoreceptors are too fast to be simulated for "
             f"{duration / 1e6:.3g} s: lower the powers of the LEDs, cutoff_hz or the rounds, or take no noise."
         )

@@ -25,6 +25,7 @@ LONGEST_NUMBER, LONGEST_TEXT = 64, 1 << 12  # characters; of texts in which `$na
 MOST_TEXELS = 1 << 28
 HEAD = 1 << 16  # bytes of a file that tell its kind
 NUMBERS = ("integer", "float", "boolean")
+NOT_FINITE = re.compile(r"(?i)\b(nan|inf|infinity)\b")
 ENCODINGS = (None, "utf-8", "us-ascii", "ascii")
 KINDS = {  # how files of a plugin start; None: images
     "ply": (b"ply",),
@@ -121,11 +122,19 @@ def _look_at(element: Element, path: Path, looked: Looked) -> None:
             raise _refuse(
                 path, f'it asks for a {tag} plugin of type "{kind}": "{kind}" not found among Mitsuba\'s own'
             )
-        for child in element.children:
-            if child.tag == "string" and child.attributes.get("name") == "filename":
-                _look_at_files(child.attributes.get("value", ""), kind, path, looked)
+        named = [c for c in element.children if c.tag == "string" and c.attributes.get("name") == "filename"]
+        if "type" in attributes and kind in KINDS and not named:
+            raise _refuse(path, f'a plugin of type "{kind}" names no file')
+        for child in named:
+            _look_at_files(child.attributes.get("value", ""), kind, path, looked)
     if "filename" in attributes and tag != "include":
         _look_at_files(attributes["filename"], "", path, looked)
+    if tag == "spectrum":
+        for value in _values(attributes.get("value", ""), looked, path):
+            if ":" in value and NOT_FINITE.search(value):
+                raise _refuse(
+                    path, f"<{tag} name={attributes.get('name')!r}> holds a number that is not finite"
+                )
     if tag in NUMBERS:
         for value in _values(attributes.get("value", ""), looked, path):
             if len(value) > LONGEST_NUMBER:

@@ -23,6 +23,11 @@ def integrate(density: np.ndarray) -> np.ndarray:
     return np.trapezoid(density, WAVELENGTH_NM, axis=-1)
 
 
+def trapezoid_weights() -> np.ndarray:
+    """Give the weights (n_wavelength,) [nm] that `integrate` has."""
+    return integrate(np.eye(len(WAVELENGTH_NM)))
+
+
 def group_bands(density: np.ndarray, tolerance: float = 0.01) -> np.ndarray:
     """Number the bands: LEDs whose spectra have the same shape share one.
 

@@ -1,5 +1,6 @@
 """Image-space textures of the ring integrator: what they render, and their gradients."""
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from tests.support.ring_scenes import (
     peak,
     plane,
     ring,
+    soft,
 )
 
 BALL = {
@@ -70,6 +72,88 @@ def test_another_scene_is_traced_anew():
     assert (np.array(integrator.render(lit, spp=4)) != one).any()
     dim = load(BALL | {"led_2": far((0, -1, 0.8), peak(600, 0.5))})
     np.testing.assert_allclose(np.array(integrator.render(dim, spp=1))[..., 2], 0.5 * one[..., 2], rtol=1e-5)
+
+
+WITH_RING = BALL | {"integrator": {"type": "ring"}, "led_3": soft((0, -1, 3), 0.2, peak(600, 1.0))}
+CHANGES = {
+    "led_0.irradiance.values": lambda v, d: v * (1 + d),
+    "led_0.to_world": lambda v, d: mi.Transform4f().rotate([0, 1, 0], 10 * d) @ v,
+    "led_1.intensity.values": lambda v, d: v * (1 + d),
+    "led_1.position": lambda v, d: v + mi.Vector3f(d, 0, 0.5 * d),
+    "led_3.emitter.radiance.values": lambda v, d: v * (1 + d),
+    "led_3.to_world": lambda v, d: mi.Transform4f().translate(mi.Point3f(0.3 * d, d, 0)) @ v,
+    "object.to_world": lambda v, d: mi.Transform4f().translate(mi.Point3f(d, 0, 0)) @ v,
+    "camera.to_world": lambda v, d: mi.Transform4f().translate(mi.Point3f(d, 0, 0)) @ v,
+}
+
+
+def textured(integrator):
+    """Set smooth textures, so that nowhere n . l changes its sign by a small change."""
+    normal, _ = ball_normals()
+    normal = 0.2 * normal + [0, 0, 1]
+    set_textures(integrator, normal=normal, reflectance=np.full((HEIGHT, WIDTH, 2), 0.5))
+
+
+def put(scene, name, value):
+    params = mi.traverse(scene)
+    params[name] = value
+    params.update()
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_is_changed_in_the_scene_is_traced_anew(name):
+    scene = load(WITH_RING)
+    integrator = scene.integrator()
+    textured(integrator)
+    before = np.array(integrator.render(scene, spp=1))
+    value = mi.traverse(scene)[name]
+    put(scene, name, CHANGES[name](type(value)(value), mi.Float(0.2)))
+    after = np.array(integrator.render(scene, spp=1))
+    textured(fresh := ring())
+    assert np.abs(after - before).max() > 1e-3
+    np.testing.assert_allclose(after, np.array(fresh.render(scene, spp=1)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("spp", [1, 4])
+@pytest.mark.parametrize("mode", ["forward", "reverse"])
+@pytest.mark.parametrize("name", [name for name in CHANGES if name.startswith("led")])
+def test_derivatives_by_leds_equal_finite_differences(name, spp, mode):
+    scene = load(WITH_RING)
+    integrator = scene.integrator()
+    textured(integrator)
+    value = mi.traverse(scene)[name]
+    value = type(value)(value)
+
+    def loss(d):
+        put(scene, name, CHANGES[name](value, d))
+        return dr.sum(dr.square(integrator.render(scene, spp=spp, seed=3) - 0.2), axis=None)
+
+    step = 1e-2
+    finite = (loss(mi.Float(step)).numpy() - loss(mi.Float(-step)).numpy()).item() / (2 * step)
+    d = mi.Float(0.0)
+    dr.enable_grad(d)
+    of_d = loss(d)
+    if mode == "forward":
+        dr.forward(d)
+        automatic = dr.grad(of_d)
+    else:
+        dr.backward(of_d)
+        automatic = dr.grad(d)
+    assert abs(finite) > 1e-3
+    assert automatic.numpy().item() == pytest.approx(finite, rel=5e-3)
+
+
+@pytest.mark.parametrize("spp", [1, 4, 9])
+def test_derivatives_by_materials_in_reverse(spp):
+    """By the scene's own surfaces, above one ray per pixel too: light is linear in a reflectance."""
+    scene, name = load(WITH_RING), "object.bsdf.reflectance.values"
+    value = mi.traverse(scene)[name]
+    dr.enable_grad(value)
+    put(scene, name, value)
+    image = scene.integrator().render(scene, spp=spp)
+    dr.backward(dr.sum(image, axis=None))
+    by_values = dr.grad(mi.traverse(scene)[name]).numpy() @ value.numpy()
+    assert by_values == pytest.approx(np.array(image).sum(), rel=1e-4)
 
 
 def test_another_seed_is_traced_anew():

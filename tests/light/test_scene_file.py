@@ -171,6 +171,23 @@ def test_files_are_of_their_kind(tmp_path):
             check(tmp_path, textured(name, kind))
 
 
+@pytest.mark.parametrize("kind", ["bitmap", "ply"])
+def test_plugins_that_read_a_file_must_name_one(tmp_path, kind):
+    """Mitsuba's bitmap without one ends the process."""
+    text = textured("x.png", kind).replace('name="filename"', 'name="constant_light"')
+    with pytest.raises(InputError, match=f'type "{kind}" names no file'):
+        check(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    "old, new", [("430:0.3", "-inf:0.3"), ("430:0.3", "430:NaN"), ("430:0.3", "430:$c")]
+)
+def test_spectra_are_finite(tmp_path, old, new):
+    with pytest.raises(InputError, match="holds a number that is not finite"):
+        check(tmp_path, scene().replace(old, new), c="Infinity")
+    check(tmp_path, scene().replace("led_", "inf_"))  # a name
+
+
 def test_images_are_no_larger_than_any_film(tmp_path):
     data = bytearray(png(1, 1))
     data[16:24] = struct.pack(">II", 1 << 15, 1 << 14)
