@@ -9,6 +9,8 @@ import numpy as np
 
 from evsdr.model import quadrature
 
+FINER = 1e-3  # error of an LED's power on the grid of wavelengths from which its own points count
+
 
 @dataclass(frozen=True)
 class Leds:
@@ -31,6 +33,8 @@ class Leds:
         Centroid of each band [nm].
     band_spectrum : (n_band, n_wavelength) float
         D E of each band's first LED over `quadrature.WAVELENGTH_NM`.
+    curves : list of quadrature.Curve
+        Reflectances of the scene for which nodes and weights were chosen.
     """
 
     emitter: list
@@ -42,6 +46,7 @@ class Leds:
     weight: np.ndarray
     band_wavelength_nm: np.ndarray
     band_spectrum: np.ndarray
+    curves: list
 
     @property
     def n_led(self) -> int:
@@ -85,7 +90,10 @@ def find_leds(scene: mi.Scene, response: mi.Texture | None = None) -> Leds:
     named = sorted((pair for pair in named if pair[0].startswith("led")), key=lambda pair: _natural(pair[0]))
     if not named:
         raise ValueError("no emitter has an id that starts with 'led'")
-    irradiance = np.array([_spectrum(scene, e) for _, e in named])
+    curves, others = find_curves(scene)
+    points = np.concatenate([nm for nm, _ in others]) if others else np.empty(0)
+    spectra = [_spectrum(scene, e, points) for _, e in named]
+    irradiance, peak_nm, peak = (np.array(part) for part in zip(*spectra))
     seen = irradiance * _response(response)
     power = quadrature.integrate(seen)
     for (name, _), p in zip(named, power):
@@ -93,17 +101,18 @@ def find_leds(scene: mi.Scene, response: mi.Texture | None = None) -> Leds:
             raise ValueError(f"emitter '{name}' gives the camera no light between 360 and 830 nm")
     band = quadrature.group_bands(seen)
     first = [int(np.flatnonzero(band == b)[0]) for b in range(band.max() + 1)]
-    rules = [quadrature.gauss_quadrature(seen[j]) for j in first]
+    rules = [quadrature.quadrature_for(seen[j], curves) for j in first]
     return Leds(
         emitter=[e for _, e in named],
         power=power,
-        peak_nm=quadrature.WAVELENGTH_NM[irradiance.argmax(axis=1)],
-        peak=irradiance.max(axis=1),
+        peak_nm=peak_nm,
+        peak=peak,
         band=band,
         node_nm=np.array([node for node, _ in rules]),
         weight=np.array([weight for _, weight in rules]),
         band_wavelength_nm=quadrature.integrate(seen[first] * quadrature.WAVELENGTH_NM) / power[first],
         band_spectrum=seen[first],
+        curves=curves,
     )
 
 
@@ -125,16 +134,43 @@ def _packed(values: np.ndarray, end: float = 0.0) -> mi.Spectrum:
     return mi.Spectrum(np.ascontiguousarray(padded.reshape(-1, 4).T.astype(np.float32)))
 
 
-def _unpack(value: mi.Spectrum) -> np.ndarray:
-    n_packet = -(-len(quadrature.WAVELENGTH_NM) // 4)  # a flat spectrum comes as a single packet
-    return np.broadcast_to(np.array(value, dtype=float).T, (n_packet, 4)).ravel()[
-        : len(quadrature.WAVELENGTH_NM)
-    ]
+def _unpack(value: mi.Spectrum, n: int = len(quadrature.WAVELENGTH_NM)) -> np.ndarray:
+    n_packet = -(-n // 4)  # a flat spectrum comes as a single packet
+    return np.broadcast_to(np.array(value, dtype=float).T, (n_packet, 4)).ravel()[:n]
 
 
-def _spectrum(scene: mi.Scene, emitter: mi.Emitter) -> np.ndarray:
-    """Read an emitter's spectrum by asking what it sends to a place that it lights."""
-    return _unpack(_packets_of(scene, emitter, _packets()))
+def find_curves(scene: mi.Scene) -> tuple[list, list]:
+    """Collect the spectra that `mi.traverse` shows as values over wavelengths: reflectances, and all others."""
+    parts: dict[str, dict] = {}
+    for name, value in mi.traverse(scene):
+        owner, _, part = name.rpartition(".")
+        if part in ("values", "wavelengths", "range"):
+            parts.setdefault(owner, {})[part] = np.array(value, float).ravel()
+    found: tuple[list, list] = ([], [])
+    for owner, part in parts.items():
+        if "values" in part and len(part) == 2:
+            nm = part.get("wavelengths")
+            nm = np.linspace(*part["range"], len(part["values"])) if nm is None else nm
+            found[0 if owner.endswith("reflectance") else 1].append((nm, part["values"]))
+    return found
+
+
+def _spectrum(scene: mi.Scene, emitter: mi.Emitter, points: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Read an emitter's spectrum by asking what it sends to a place that it lights; gives also where it is strong.
+
+    It has points beside those of the grid: where it is finer than the grid it is laid out by its integral.
+    """
+    grid = quadrature.WAVELENGTH_NM
+    value = _unpack(_packets_of(scene, emitter, _packets()))
+    fine = np.union1d(grid, points[(points > grid[0]) & (points < grid[-1])]).astype(np.float32).astype(float)
+    if len(fine) > len(grid):
+        finely = _unpack(_packets_of(scene, emitter, _packed(fine, fine[-1])), len(fine))
+        power = np.trapezoid(finely, fine)
+        if abs(quadrature.integrate(value) - power) > FINER * power:
+            at = finely.argmax()
+            return quadrature.cell_means((fine, finely)), fine[at], finely[at]
+    at = value.argmax()
+    return value, grid[at], value[at]
 
 
 def _packets_of(scene: mi.Scene, emitter: mi.Emitter, wavelengths: mi.Spectrum) -> mi.Spectrum:
@@ -163,6 +199,8 @@ def power_factor(scene: mi.Scene, leds: Leds, j: int, response: mi.Texture | Non
     weight = _packed(_response(response) * quadrature.trapezoid_weights())
     spectrum = _packets_of(scene, emitter, _packets())
     power = dr.sum(dr.sum(spectrum * weight))
+    if not dr.all(power > 0):  # lines between the wavelengths of the grid: their shape stays
+        return mi.Float(1.0)
     peak = _packets_of(scene, emitter, mi.Spectrum(float(leds.peak_nm[j])))[0]
     return power / dr.detach(power) * dr.detach(peak) / peak
 

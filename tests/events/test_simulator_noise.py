@@ -107,5 +107,7 @@ def test_default_noise_fires_nothing_in_steady_light(light):
 
 def test_light_in_which_photoreceptors_are_too_fast_is_refused():
     signal = np.full((2, 1, 1), 1e9)
-    with pytest.raises(InputError, match="light of an LED is up to 1e[+]09, in which photoreceptors are too fast"):
+    with pytest.raises(
+        InputError, match="light of an LED is up to 1e[+]09, in which photoreceptors are too fast"
+    ):
         run(signal, 0.0, ring([0, 1], 10_000.0), 1, EventPixel())

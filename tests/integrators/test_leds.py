@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from evsdr.integrators.leds import emitter_id
 
+from evsdr.model.quadrature import TOLERANCE
 from tests.support.ring_scenes import POWER, far, load, near, peak, plane, render, ring, soft
 
 
@@ -53,3 +54,37 @@ def test_led_that_the_camera_cannot_see():
     scene = load({"object": plane(), "led_0": far((0, 0, 1)), "led_1": far((0, 0, 1), peak(750))})
     with pytest.raises(ValueError, match="'led_1' gives the camera no light"):
         render(scene, response=[(400, 1.0), (650, 1.0)])
+
+
+def sharp(*steps):
+    """A reflectance with edges, 0.1 nm wide: (wavelength, value from there on)."""
+    points = [(360, 0.1)]
+    for nm, value in steps:
+        points += [(nm - 0.1, points[-1][1]), (nm, value)]
+    return [*points, (830, points[-1][1])]
+
+
+REFLECTANCES = [sharp((550, 0.9)), sharp((500, 0.9), (560, 0.2), (600, 0.7)), [(360, 0.1), (830, 0.9)]]
+SPECTRA = {
+    "narrow LED": peak(545, 1.0),
+    "wide LED": peak(560, 1.0, 35.0),
+    "laser": [(531.99, 0.0), (532, 100.0), (532.01, 0.0)],
+    "laser between wavelengths": [(560.24, 0.0), (560.25, 100.0), (560.26, 0.0)],
+}
+
+
+@pytest.mark.parametrize("name", SPECTRA)
+@pytest.mark.parametrize("k", range(len(REFLECTANCES)))
+def test_spectra_with_edges_and_lines(name, k):
+    """What is rendered is INT E R over INT E, and power is INT E, by brute force."""
+    spectrum, reflectance = SPECTRA[name], REFLECTANCES[k]
+    scene = load(
+        {"object": plane(reflectance), "led_0": far((0, 0, 1), spectrum), "led_1": far((0, 0, 1), spectrum)}
+    )
+    integrator = ring()
+    power = integrator.leds(scene).power[0]
+    found = np.array(integrator.render(scene, spp=1))[3, 3, 0] / power
+    nm = np.linspace(spectrum[0][0], spectrum[-1][0], 200_001)
+    density, value = (np.interp(nm, *zip(*curve)) for curve in (spectrum, reflectance))
+    assert power == pytest.approx(np.trapezoid(density, nm), rel=2e-3)
+    assert found == pytest.approx(density @ value / density.sum(), abs=TOLERANCE)

@@ -78,3 +78,21 @@ def test_normals_of_a_surface_seen_from_behind_face_the_camera(tmp_path):
     expected = np.broadcast_to([-0.5, 0, 3**0.5 / 2], (HEIGHT, WIDTH, 3))
     np.testing.assert_allclose(object_normals(ring), expected, atol=1e-5)
     np.testing.assert_allclose(surface_maps(ring, 4).normal, expected, atol=1e-5)
+
+
+def test_edges_within_a_band_are_seen_alike_by_renderer_and_truth(tmp_path):
+    text = scene().replace('value="430:0.3, 640:0.7"', 'value="360:0.1, 452.9:0.1, 453:0.9, 830:0.9"')
+    ring = load(tmp_path, text)
+    maps = surface_maps(ring, 1)
+    signal = np.array(ring.integrator.render(ring.scene, spp=1)) - ring.integrator.constant_light[0]
+    normal = object_normals(ring)
+    direction = np.array(
+        [np.ravel(d) for d in ring.integrator.illumination(ring.scene, ring.sensor, 1)[0].direction]
+    )
+    cosine = np.maximum(normal @ direction.T, 0)
+    lit = (cosine > 0.2) & maps.mask[..., None]
+    for j, band in enumerate(ring.leds.band):
+        here = lit[..., j]
+        found = signal[..., j][here] / (cosine[..., j][here] * ring.leds.power[j])
+        np.testing.assert_allclose(found, maps.reflectance[..., band][here], atol=5e-3)
+    assert 0.2 < maps.reflectance[maps.mask][0, 0] < 0.8

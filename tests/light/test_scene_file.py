@@ -179,9 +179,7 @@ def test_plugins_that_read_a_file_must_name_one(tmp_path, kind):
         check(tmp_path, text)
 
 
-@pytest.mark.parametrize(
-    "old, new", [("430:0.3", "-inf:0.3"), ("430:0.3", "430:NaN"), ("430:0.3", "430:$c")]
-)
+@pytest.mark.parametrize("old, new", [("430:0.3", "-inf:0.3"), ("430:0.3", "430:NaN"), ("430:0.3", "430:$c")])
 def test_spectra_are_finite(tmp_path, old, new):
     with pytest.raises(InputError, match="holds a number that is not finite"):
         check(tmp_path, scene().replace(old, new), c="Infinity")

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from evsdr.model.quadrature import WAVELENGTH_NM, gauss_quadrature, group_bands, integrate
+from evsdr.model.quadrature import (
+    TOLERANCE,
+    WAVELENGTH_NM,
+    cell_means,
+    gauss_quadrature,
+    group_bands,
+    integrate,
+    mean_of,
+    quadrature_for,
+)
 
 
 def led(peak_nm, sigma_nm=8.0):
@@ -98,3 +107,60 @@ def test_bands_are_numbered_by_their_first_led():
 def test_shifted_leds_leave_the_band(shift_nm, shared):
     band = group_bands(np.array([led(525, 8.5), led(525 + shift_nm, 8.5)]))
     assert band.tolist() == ([0, 0] if shared else [0, 1])
+
+
+def edge(nm, low=0.1, high=0.9):
+    return np.array([360, nm - 0.05, nm + 0.05, 830]), np.array([low, low, high, high])
+
+
+SMOOTH = (np.array([360.0, 500, 600, 830]), np.array([0.2, 0.3, 0.6, 0.7]))
+
+
+def by_brute_force(curve, density):
+    nm = np.linspace(360, 830, 4_700_001)
+    weight = np.interp(nm, WAVELENGTH_NM, density)
+    return weight @ np.interp(nm, *curve) / weight.sum()
+
+
+@pytest.mark.parametrize("nm", [521.3, 525.0, 540.0])
+def test_means_of_curves_are_exact(nm):
+    assert mean_of(edge(nm), led(525)) == pytest.approx(by_brute_force(edge(nm), led(525)), abs=1e-6)
+
+
+def test_smooth_curves_keep_gauss():
+    for mine, gauss in zip(quadrature_for(led(525, 14), [SMOOTH]), gauss_quadrature(led(525, 14))):
+        np.testing.assert_array_equal(mine, gauss)
+    np.testing.assert_array_equal(quadrature_for(led(525), [])[0], gauss_quadrature(led(525))[0])
+
+
+@pytest.mark.parametrize("width", [1.0, 8.0, 60.0])
+@pytest.mark.parametrize("n_edge", [1, 2, 3])
+def test_curves_with_edges_are_integrated_exactly(width, n_edge):
+    """As many curves as leave one equation for the sum of the weights."""
+    density = led(550, width)
+    curves = [edge(550 + offset * width) for offset in (0.4, -0.7, 1.1)[:n_edge]]
+    gauss = gauss_quadrature(density)
+    assert max(abs(gauss[1] @ np.interp(gauss[0], *c) - mean_of(c, density)) for c in curves) > TOLERANCE
+    nm, weight = quadrature_for(density, curves)
+    assert len(nm) == len(weight) == 4 and (weight >= 0).all() and weight.sum() == pytest.approx(1)
+    for curve in curves:
+        assert weight @ np.interp(nm, *curve) == pytest.approx(mean_of(curve, density), abs=1e-3)
+
+
+def test_more_curves_than_nodes_are_no_worse_than_by_gauss(rng):
+    density = led(550, 30)
+    curves = [edge(nm, *rng.random(2)) for nm in rng.uniform(500, 600, 12)]
+    error = [
+        max(abs(weight @ np.interp(nm, *c) - mean_of(c, density)) for c in curves)
+        for nm, weight in (quadrature_for(density, curves), gauss_quadrature(density))
+    ]
+    assert error[0] <= error[1]
+    nm, weight = quadrature_for(density, curves, 16, 1e-3)
+    assert max(abs(weight @ np.interp(nm, *c) - mean_of(c, density)) for c in curves) < 1e-3
+
+
+@pytest.mark.parametrize("nm", [532.0, 532.2, 532.25, 359.999, 830.001])
+def test_narrow_lines_keep_their_power(nm):
+    line = np.array([nm - 0.01, nm, nm + 0.01]), np.array([0, 100.0, 0])
+    inside = 1.0 if 360 < nm < 830 else 0.405
+    assert integrate(cell_means(line)) == pytest.approx(inside, rel=1e-6)
