@@ -25,9 +25,6 @@ GUESSED_REFRACTORY_US = 200.0  # tolerance where the recording tells none
 CLEAR = 4.0  # standard deviations from which there is a lag, and a dark current
 # Light without a lag has kinks, which no event passes: its likelihood is not smooth in a shift
 WITH_LAG = "tau", "dark", "noise", "shift"
-# How far times are off beside their sigma, as noise of photoreceptors is not quite the model's: of tau, relative; of shift
-# and refractory period [us]; measured by experiments.shared
-MODEL_TAU, MODEL_US = 0.08, 10.0
 WARNED = 3.0  # tolerances beyond which a value found is worth a warning
 
 
@@ -73,10 +70,8 @@ class SharedFound:
     slot_us: float
 
     def us(self, name: str) -> tuple[float, float]:
-        """Give a time and its standard deviation [us], with what the model of the noise leaves out."""
-        value, sigma = (getattr(of, name) * self.slot_us for of in (self.inferred.rig, self.inferred.sigma))
-        left_out = MODEL_TAU * value if name == "tau" else MODEL_US
-        return value, float(np.hypot(sigma, left_out))
+        """Give a time and its standard deviation [us]."""
+        return tuple(getattr(of, name) * self.slot_us for of in (self.inferred.rig, self.inferred.sigma))
 
 
 def find_shared(world: "World", fitted: "Fitted") -> SharedFound | None:

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from evsdr.effects.clock import TimeShift
-from evsdr.effects.shared import MODEL_US
 from tests.support.shared_worlds import FITTED, decision, found, world
 
 
 def test_a_shift_in_words_and_numbers():
     shared = found(shift=0.05)
-    assert TimeShift().say(shared) == "events are 50 +- 14 us late"
+    assert TimeShift().say(shared) == "events are 50 +- 10 us late"
     assert TimeShift().numbers(shared) == pytest.approx(
-        {"shift_us": 50, "shift_sigma_us": np.hypot(10, MODEL_US)}
+        {"shift_us": 50, "shift_sigma_us": 10}
     )
 
 

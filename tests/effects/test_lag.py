@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from evsdr.effects.lag import Lag, PhotoreceptorLag, photoreceptors
-from evsdr.effects.shared import MODEL_TAU
 from evsdr.events.pairs import pair_events
 from evsdr.model.lambert import signals_of
 from evsdr.solve.problem import make_problem
@@ -24,13 +23,13 @@ def late():
 
 def test_a_lag_in_words_and_numbers():
     assert PhotoreceptorLag().say(found(tau=0.05, noise=0.01)) == (
-        "events are 50 +- 11 us / I late, with noise of 0.01 in log I"
+        "events are 50 +- 10 us / I late, with noise of 0.01 in log I"
     )
     shared = found(tau=0.05, dark=0.02, noise=0.01)
-    assert "50 +- 11 us / (I + 0.02) late" in PhotoreceptorLag().say(shared)
+    assert "50 +- 10 us / (I + 0.02) late" in PhotoreceptorLag().say(shared)
     numbers = PhotoreceptorLag().numbers(shared)
     assert numbers == pytest.approx(
-        {"tau_us": 50, "tau_sigma_us": np.hypot(10, MODEL_TAU * 50), "dark": 0.02, "noise": 0.01}
+        {"tau_us": 50, "tau_sigma_us": 10, "dark": 0.02, "noise": 0.01}
     )
 
 

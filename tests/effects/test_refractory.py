@@ -1,18 +1,16 @@
 """A refractory period that is told wrong."""
 
-import numpy as np
 import pytest
 
 from evsdr.effects.refractory import Refractory
-from evsdr.effects.shared import MODEL_US
 from tests.support.shared_worlds import decision, found, world
 
 
 def test_a_period_in_words_and_numbers():
     shared = found(refractory=0.3)
-    assert Refractory().say(shared) == "300 +- 14 us"
+    assert Refractory().say(shared) == "300 +- 10 us"
     numbers = Refractory().numbers(shared)["refractory_us"]
-    assert numbers == pytest.approx({"told_us": 50, "found_us": 300, "sigma_us": np.hypot(10, MODEL_US)})
+    assert numbers == pytest.approx({"told_us": 50, "found_us": 300, "sigma_us": 10})
 
 
 def test_the_sensor_has_it():

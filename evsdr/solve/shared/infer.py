@@ -11,6 +11,7 @@ import numpy as np
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.posterior import SLACK, Point, Posterior, Start
 from evsdr.solve.shared.rig import GROUPS, NAMES, TIMES, Basis, Rig, Told
+from evsdr.solve.shared.robust import covariance
 from evsdr.solve.unknowns import normal_sigma_deg, to_normal
 
 N_ROUND, N_STEP = 4, 4  # of steps with one scatter; guessed: the last ones hardly move anything
@@ -27,7 +28,7 @@ class Inferred:
     Attributes
     ----------
     rig, sigma : Rig
-        Values, and their standard deviations.
+        Values, and their standard deviations, see `robust`.
     theta, spread, scatter
         See `Start`.
     turn_deg : dict of str to float
@@ -84,14 +85,14 @@ def infer(
     if left:
         posterior = replace(posterior, stirred=(*names, *left))
         point = posterior.at(point.theta, point.free)
-    _, response, _, complement = posterior.solve(point)
+    _, response, *_ = posterior.solve(point)
     away, owner = point.free - posterior.centre, posterior.basis.owner
     turn = {
         group: turn_deg(point.theta, response @ np.where(np.isin(owner, of_group), away, 0))
         for group, of_group in GROUPS.items()
     }
-    covariance = np.linalg.inv(complement)
-    sigma = np.sqrt(np.einsum("ij,jk,ik->i", posterior.basis.vectors, covariance, posterior.basis.vectors))
+    around = covariance(posterior, point)
+    sigma = np.sqrt(np.einsum("ij,jk,ik->i", posterior.basis.vectors, around, posterior.basis.vectors))
     return Inferred(
         posterior.rig(point.free),
         Rig.of(sigma, pixels.light.n_led),
@@ -101,7 +102,7 @@ def infer(
         turn,
         {name: posterior.wanted(point, tolerance, name) for name in left},
         n_step,
-        *_left_open(point.theta[:, : posterior.n_map], response, covariance),
+        *_left_open(point.theta[:, : posterior.n_map], response, around),
     )
 
 
@@ -109,11 +110,12 @@ def _posterior(pixels: Pixels, start: Start, told: Rig, tolerance: Told, names: 
     """Set the posterior up."""
     basis, vector = Basis.of(names, pixels.light.band), told.vector
     width = tolerance.tolerance(pixels.slot_us)
-    centre = basis.vectors.T @ vector
+    centre, sigma = basis.vectors.T @ vector, np.array([width[name] for name in basis.owner])
     return Posterior(
         pixels,
         basis,
-        sigma=np.array([width[name] for name in basis.owner]),
+        sigma=sigma,
+        told_sigma=sigma,
         told=vector - basis.vectors @ centre,
         centre=centre,
         own_thresholds=start.theta.shape[1] > 2 + pixels.light.n_band,
@@ -158,11 +160,11 @@ def _descend(posterior: Posterior, point: Point, damping: Damping) -> tuple[Poin
     return point, damping, moved, made
 
 
-def _left_open(theta: np.ndarray, response: np.ndarray, covariance: np.ndarray) -> tuple[float, np.ndarray]:
+def _left_open(theta: np.ndarray, response: np.ndarray, around: np.ndarray) -> tuple[float, np.ndarray]:
     """Give what the covariance of what is shared makes of the maps; see `Inferred`."""
     n_map = theta.shape[1]
     of_maps = np.einsum(
-        "nij,jk,nlk->nil", response[:, :n_map], covariance, response[:, :n_map], optimize=True
+        "nij,jk,nlk->nil", response[:, :n_map], around, response[:, :n_map], optimize=True
     )
     angle = normal_sigma_deg(theta[:, 0], theta[:, 1], of_maps[:, :2, :2])
     variance = np.median(np.diagonal(of_maps, axis1=1, axis2=2)[:, 2:], axis=0)

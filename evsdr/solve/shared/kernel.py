@@ -126,6 +126,7 @@ def pixel_sums(
     lead,
     weigh,
     some=None,
+    kind=None,
 ):
     """Sum over the events of each pixel.
 
@@ -158,11 +159,13 @@ def pixel_sums(
         Variance of u by the photoreceptor's noise, by which events are weighed.
     some : (n,) int64, optional
         Only these pixels; by default all.
+    kind : (n_event,) int64, optional
+        Of each event, from 0: gradients are then summed kind by kind.
 
     Returns
     -------
     cost : (n_pixel,)
-    gradient : (n_pixel, n + m)
+    gradient : (n_pixel, n + m), or (n_pixel, n_kind, n + m)
     matrix : (n_pixel, n + m, n + m)
         Information that the pixel gives of its n unknowns and the m shared ones.
     residual : (n_event,)
@@ -173,9 +176,10 @@ def pixel_sums(
     n_pixel, n_event = len(signals), len(events[1])
     n = 3 + band.max() + 2 * own_thresholds
     m = len(band) * (1 + tilts.shape[2]) + N_TIMING
+    of_event = np.zeros(n_event, np.int64) if kind is None else kind
     out = (
         np.zeros(n_pixel),
-        np.zeros((n_pixel, n + m)),
+        np.zeros((n_pixel, 1 + of_event.max(initial=0), n + m)),
         np.zeros((n_pixel, n + m, n + m)),
         np.full(n_event, np.nan),
         np.zeros(n_event),
@@ -185,15 +189,16 @@ def pixel_sums(
     some = np.arange(n_pixel) if some is None else some
 
     def run(chunk):
-        _run(chunk, some, events, *given, *out)
+        _run(chunk, some, of_event, events, *given, *out)
 
     in_chunks(run)
-    return out
+    cost, gradient, *rest = out
+    return cost, gradient[:, 0] if kind is None else gradient, *rest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _run(
-    chunk, some, events, leds, band, veil, signals, tilts, thresholds, own_thresholds, values, terms, lead, weigh,
+    chunk, some, kind, events, leds, band, veil, signals, tilts, thresholds, own_thresholds, values, terms, lead, weigh,
     cost, gradient, information, residual, variance,
 ):  # fmt: skip
     """Sum over the pixels of a chunk; see `pixel_sums`."""
@@ -213,7 +218,7 @@ def _run(
     nodes, shown = np.zeros((3, n_slot, MOST_NODES + 2)), np.zeros((3, n_slot))
     met, reference, rarity, noise = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros((4, 2))
     for i in some[chunk::N_CHUNK]:
-        table, tilt, slopes, matrix = signals[i], tilts[i], gradient[i], information[i]
+        table, tilt, matrix = signals[i], tilts[i], information[i]
         for k in range(n_slot):
             light[k] = veil + (table[0, leds[k]] if leds[k] < n_led else 0.0)
         for q in sets:
@@ -222,6 +227,7 @@ def _run(
         noise[:], spread = 0.0, 1.0
         for k in range(offset[i], offset[i + 1] + 1):
             last = k == offset[i + 1]
+            slopes = gradient[i, 0 if last else kind[k]]
             length = ending[i] if last else gap[k]
             told = k > offset[i] and length >= refractory and (last or inside[k])
             p = 0.0 if last else float(polarity[k])

@@ -107,6 +107,7 @@ class Pixels:
         weigh: np.ndarray,
         some: np.ndarray | None = None,
         stirred: tuple[str, ...] = tuple(STEPS),
+        kind: np.ndarray | None = None,
     ) -> tuple:
         """Sum cost, gradient and information of each pixel, see `kernel.pixel_sums`.
 
@@ -117,7 +118,7 @@ class Pixels:
         rig : Rig
         own_thresholds, tilted : bool
             Whether thresholds of each pixel, and directions of LEDs, are among the unknowns.
-        terms, weigh, some
+        terms, weigh, some, kind
             See `kernel.pixel_sums`.
         stirred : tuple of str
             Of `STEPS`: those by which derivatives are wanted.
@@ -138,6 +139,7 @@ class Pixels:
             TABLE,
             weigh,
             some,
+            kind,
         )
 
 

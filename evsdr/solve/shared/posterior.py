@@ -21,6 +21,7 @@ from evsdr.solve.unknowns import (
     weak_prior,
 )
 
+LEARNT = "powers", "directions"  # many of a kind: how well they are told shows in how far they are off
 AGREES = 3.5  # standard deviations of a pixel's misfit from that of most, within which it is heard
 ROBUST = 3.0  # width of Cauchy's cost in standard deviations, as for maps where thresholds are unknown
 SLACK = 0.5  # log likelihood that a pixel may lose in a step
@@ -79,8 +80,8 @@ class Posterior:
     ----------
     pixels : Pixels
     basis : Basis
-    sigma : (n_free,) float
-        Of the prior, along the basis.
+    sigma, told_sigma : (n_free,) float
+        Of the prior, along the basis: as it is now, and as told.
     told, centre : (3 n_led + N_TIMING,) and (n_free,) float
         What is told, across the basis and along it.
     own_thresholds, tilted : bool
@@ -98,6 +99,7 @@ class Posterior:
     pixels: Pixels
     basis: Basis
     sigma: np.ndarray
+    told_sigma: np.ndarray
     told: np.ndarray
     centre: np.ndarray
     own_thresholds: bool
@@ -123,10 +125,27 @@ class Posterior:
 
     def at(self, theta: np.ndarray, free: np.ndarray, some: np.ndarray | None = None) -> Point:
         """Evaluate it, or only that of some pixels, (n,) int."""
-        rig, terms = self.rig(free), Terms(self.pixels.crossfade, self.scatter, ROBUST, SLOPE_TERM)
+        return self._with_priors(Point(theta, free, *self._sums(theta, free, some)), self.rig(free))
+
+    def _sums(self, theta, free, some=None, kind=None) -> tuple:
+        """See `kernel.pixel_sums`."""
+        terms = Terms(self.pixels.crossfade, self.scatter, ROBUST, SLOPE_TERM)
         given = self.own_thresholds, self.tilted, terms, self.weigh, some, self.stirred
-        sums = self.pixels.sums(theta, rig, *given)
-        return self._with_priors(Point(theta, free, *sums), rig)
+        return self.pixels.sums(theta, self.rig(free), *given, kind)
+
+    def scores(self, point: Point, response: np.ndarray, kind: np.ndarray) -> np.ndarray:
+        """Give the slopes (n_kind, n_free) of the cost of each kind of event by what is shared, as maps respond to it.
+
+        Parameters
+        ----------
+        response : (n_pixel, n, n_free)
+            See `solve`.
+        kind : (n_event,) int64
+        """
+        n, heard = point.theta.shape[1], self.heard
+        slope = self._sums(point.theta, point.free, kind=kind)[1][heard]
+        of_maps = np.tensordot(slope[:, :, :n].transpose(1, 0, 2), response[heard], 2)
+        return slope[:, :, n:].sum(axis=0) @ self.vectors + of_maps
 
     def _with_priors(self, point: Point, rig: Rig) -> Point:
         """Add the weak priors of the maps, and the distribution of thresholds over the pixels."""
@@ -217,7 +236,7 @@ class Posterior:
         return float((change.sum() + 0.5 * (after - before)) / max(len(change), 1))
 
     def learnt(self, point: Point) -> "Posterior":
-        """Learn scatter and spread from what remains, and which pixels are heard."""
+        """Learn scatter and spread from what remains, which pixels are heard, and how well LEDs are told."""
         counts = np.isfinite(point.residual)
         square = np.median(point.residual[counts] ** 2) / MEDIAN_OF_SQUARE - np.median(point.variance[counts])
         scatter, spread = np.sqrt(max(square, NOISE_RANGE[0] ** 2)), self.spread
@@ -227,7 +246,22 @@ class Posterior:
             off = point.theta[:, self.n_map :] - self.rig(point.free).log_threshold
             spread = np.sqrt(np.maximum(np.mean(off**2 + left, axis=0), SMALLEST_SPREAD**2))
         heard = agreeing(point.residual, point.variance, self.pixels.events[0], scatter)
-        return replace(self, scatter=float(scatter), spread=spread, weigh=point.variance, heard=heard)
+        new = replace(self, scatter=float(scatter), spread=spread, weigh=point.variance, heard=heard)
+        return replace(new, sigma=new.learnt_sigma(point))
+
+    def learnt_sigma(self, point: Point) -> np.ndarray:
+        """Learn how well powers and directions are told, by their evidence (MacKay 1992, Neural Comput. 4(3), eq. 4.12).
+
+        What is told of that counts as much as one more LED whose events tell it.
+        """
+        sigma, left = self.sigma.copy(), np.diag(np.linalg.inv(self.solve(point)[3]))
+        for name in LEARNT:
+            of = self.basis.owner == name
+            if of.any():
+                known = np.sum(1 - left[of] / self.sigma[of] ** 2)
+                square = np.sum((point.free - self.centre)[of] ** 2) + self.told_sigma[of][0] ** 2
+                sigma[of] = np.sqrt(square / (known + 1))
+        return sigma
 
 
 def agreeing(residual: np.ndarray, variance: np.ndarray, offset: np.ndarray, scatter: float) -> np.ndarray:
