@@ -12,7 +12,7 @@ import numpy as np
 from evsdr.calibration.likelihood import SENSOR, Belief, Model, Sums, first_belief, learnt, moved, sum_parts
 from evsdr.calibration.watched import Watched
 from evsdr.solve.shared.pixels import STEPS
-from evsdr.solve.shared.rig import NOT_NEGATIVE, Told
+from evsdr.solve.shared.rig import CONSIDERED, NOT_NEGATIVE, Told
 
 LAG = "tau", "noise"
 TIMES = "shift", "refractory"  # light without a lag has kinks: its likelihood is not smooth in a shift
@@ -112,7 +112,7 @@ def fit_events(
         How well the sensor is known.
     """
     n = len(start)
-    sensor = [LAG_US, DARK, told.noise, told.shift_us, told.refractory_us, told.leak * 1e-6]
+    sensor = [LAG_US, DARK, told.noise, told.shift_us, told.refractory_us, told.leak * 1e-6, told.pole]
     prior = np.concatenate([prior_sigma, sensor, [told.thresholds] * 2])
     belief = first_belief(parts, np.append(start, np.zeros(len(SENSOR))), SCATTER, SPREAD)
     found = _settle(parts, model, belief, prior, (*LAG, "shift", "dark"))
@@ -155,7 +155,7 @@ def _settle(
     parts: Sequence[Watched], model: Model, belief: Belief, prior: np.ndarray, still: tuple[str, ...]
 ) -> Settled:
     """Make damped steps (Marquardt 1963) of all but some unknowns of the sensor."""
-    n = len(prior) - len(SENSOR)
+    n, still = len(prior) - len(SENSOR), (*still, CONSIDERED)
     free = np.setdiff1d(np.arange(len(prior)), [n + SENSOR.index(name) for name in still])
     stirred = tuple(name for name in STEPS if name not in still)
     least = np.append(np.full(n, -np.inf), [0.0 if name in NOT_NEGATIVE else -np.inf for name in SENSOR])

@@ -20,7 +20,7 @@ from evsdr.solve.shared.rig import TIMES, Rig
 from evsdr.solve.threshold_spread import MEDIAN_OF_SQUARE, SMALLEST_SPREAD
 
 SENSOR = (*TIMES, "on", "off")  # unknowns after those of the model, as the kernel's columns
-POWER_OF_SLOT = np.array([-1, 0, 0, -1, -1, 1, 0, 0])  # by which their us become slots
+POWER_OF_SLOT = np.array([-1, 0, 0, -1, -1, 1, 0, 0, 0])  # by which their us become slots
 LARGEST_GAIN = 1.0  # logarithm by which a pixel's threshold differs from that told
 
 # x -> A (n_led, n_point), dA by each LED's own unknowns (n_led, n_point, n_own), dA by shared unknowns

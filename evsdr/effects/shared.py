@@ -116,7 +116,7 @@ def _from(found: Inferred) -> Start:
 def _told(world: "World", pixels: Pixels) -> Rig:
     """Give what the files tell."""
     n_led, refractory_us = pixels.light.n_led, world.recording.sensor.refractory_us
-    times = 0.0, 0.0, 0.0, 0.0, refractory_us / pixels.slot_us, 0.0
+    times = 0.0, 0.0, 0.0, 0.0, refractory_us / pixels.slot_us, 0.0, 0.0
     return Rig(np.zeros(n_led), *times, np.zeros(2), np.zeros((n_led, 2)))
 
 

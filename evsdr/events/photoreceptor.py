@@ -113,8 +113,8 @@ def _shown(
                     continue
                 own = own_rate(at, here, tau, dark, crossfade)
                 if end == 0:
-                    ahead, _, velocity = lead_of(lead, noise, late, own, at, nodes, crossfade)
+                    ahead, _, velocity = lead_of(lead, noise, late, own, at, nodes, crossfade, 0.0)
                     out[2, k] = polarity[k] * noise * ahead
                 else:
-                    level, share = kept(refractory * own)
+                    level, share = kept(refractory * own, 0.0)
                     out[3, k] = polarity[k] * noise * (level * ahead + share * velocity)

@@ -65,7 +65,7 @@ class Plan:
         tau = 1e6 / (2 * np.pi * pixel.cutoff_hz) if pixel.cutoff_hz else 0.0
         noise = np.sqrt(0.5 / (tau * pixel.photon_rate_per_us)) if pixel.photon_rate_per_us else 0.0
         tau, refractory = (t / self.schedule.slot_us for t in (tau, pixel.refractory_us))
-        times = tau, 0.0, float(noise), 0.0, refractory, 0.0
+        times = tau, 0.0, float(noise), 0.0, refractory, 0.0, 0.0
         return Rig(np.zeros(n_led), *times, np.zeros(2), np.zeros((n_led, 2)))
 
     @property

@@ -66,8 +66,8 @@ def true_rig(case: Case, rig, given, pixelwise, truth) -> Rig:
         - np.log(getattr(given.sensor, name))
         for name in ("contrast_threshold_on", "contrast_threshold_off")
     ]
-    times = 1 / rate / slot_us, 0.0, noise, case.wrong.late_us / slot_us, pixel.refractory_us / slot_us, leak
-    return Rig(rig.log_power, *times, np.array(log_threshold), np.radians(rig.tilt_deg))
+    times = 1 / rate / slot_us, 0.0, noise, case.wrong.late_us / slot_us, pixel.refractory_us / slot_us
+    return Rig(rig.log_power, *times, leak, np.nan, np.array(log_threshold), np.radians(rig.tilt_deg))
 
 
 def deviations(found: Fit, true: Rig) -> dict[str, np.ndarray]:

@@ -10,9 +10,7 @@ from tests.support.shared_worlds import FITTED, decision, found, world
 def test_a_shift_in_words_and_numbers():
     shared = found(shift=0.05)
     assert TimeShift().say(shared) == "events are 50 +- 10 us late"
-    assert TimeShift().numbers(shared) == pytest.approx(
-        {"shift_us": 50, "shift_sigma_us": 10}
-    )
+    assert TimeShift().numbers(shared) == pytest.approx({"shift_us": 50, "shift_sigma_us": 10})
 
 
 def test_rounds_start_later():

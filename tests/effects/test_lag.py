@@ -28,9 +28,7 @@ def test_a_lag_in_words_and_numbers():
     shared = found(tau=0.05, dark=0.02, noise=0.01)
     assert "50 +- 10 us / (I + 0.02) late" in PhotoreceptorLag().say(shared)
     numbers = PhotoreceptorLag().numbers(shared)
-    assert numbers == pytest.approx(
-        {"tau_us": 50, "tau_sigma_us": 10, "dark": 0.02, "noise": 0.01}
-    )
+    assert numbers == pytest.approx({"tau_us": 50, "tau_sigma_us": 10, "dark": 0.02, "noise": 0.01})
 
 
 def test_a_lag_found_is_the_worlds():

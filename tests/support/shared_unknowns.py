@@ -43,7 +43,7 @@ def spoilt(recording, light, log_power=0.0, late_us=0, refractory=1.0, threshold
 
 def told_rig(recording) -> Rig:
     """Give what a recording tells."""
-    times = 0.0, 0.0, 0.0, 0.0, recording.sensor.refractory_us / recording.schedule.slot_us, 0.0
+    times = 0.0, 0.0, 0.0, 0.0, recording.sensor.refractory_us / recording.schedule.slot_us, 0.0, 0.0
     return Rig(np.zeros(N_LED), *times, np.zeros(2), np.zeros((N_LED, 2)))
 
 

@@ -17,7 +17,7 @@ N_LED, SLOT_US = 3, 1000.0
 
 def rig(**values) -> Rig:
     """Give a rig of three LEDs that is as told but for some values; times in slots."""
-    zero = Rig(np.zeros(N_LED), 0.0, 0.0, 0.0, 0.0, 0.05, 0.0, np.zeros(2), np.zeros((N_LED, 2)))
+    zero = Rig(np.zeros(N_LED), 0.0, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0, np.zeros(2), np.zeros((N_LED, 2)))
     return replace(zero, **values)
 
 

@@ -10,13 +10,16 @@ import numpy as np
 
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.posterior import SLACK, Point, Posterior, Start
-from evsdr.solve.shared.rig import GROUPS, NAMES, TIMES, Basis, Rig, Told
-from evsdr.solve.shared.robust import covariance
+from evsdr.solve.shared.rig import CONSIDERED, GROUPS, NAMES, TIMES, Basis, Rig, Told
+from evsdr.solve.shared.robust import covariance, kinds
 from evsdr.solve.unknowns import normal_sigma_deg, to_normal
 
 N_ROUND, N_STEP = 4, 4  # of steps with one scatter; guessed: the last ones hardly move anything
+UNKNOWN = tuple(name for name in NAMES if name != CONSIDERED)
 RISEN = 0.01  # mean loss of that from which a step is refused
-SETTLED_DEG = 0.01  # by which a step turns normals when it is the last
+SETTLED = (
+    0.15  # standard deviations of what is shared, root mean square, by which a step goes when it is the last
+)
 FIRST_DAMPING, DAMPING_RANGE = 1e-3, (1e-6, 1e6)
 FIRST_STIFFNESS, MOST_STIFFNESS = 1e-2, 1e3
 
@@ -59,7 +62,7 @@ def infer(
     start: Start,
     told: Rig,
     tolerance: Told = Told(),
-    names: tuple[str, ...] = NAMES,
+    names: tuple[str, ...] = UNKNOWN,
 ) -> Inferred:
     """Infer what pixels share, together with their maps.
 
@@ -70,28 +73,29 @@ def infer(
     tolerance : Told
         How well.
     names : tuple of str
-        Of `NAMES`: what is unknown. The rest stays as told.
+        Of `UNKNOWN`, or some of them: what is unknown. The rest stays as told.
     """
     posterior = _posterior(pixels, start, told, tolerance, names)
     point = posterior.at(start.theta, posterior.basis.vectors.T @ start.rig.vector)
     posterior = replace(posterior, weigh=point.variance)
     damped, n_step = Damping(np.full(len(start.theta), FIRST_DAMPING)), 0
     for round_ in range(N_ROUND):
-        point, damped, moved, made = _descend(posterior, posterior.at(point.theta, point.free), damped)
+        point, damped, length, made = _descend(posterior, posterior.at(point.theta, point.free), damped)
         posterior, n_step = posterior.learnt(point), n_step + made
-        if moved < SETTLED_DEG and round_:
+        if length < SETTLED and round_:
             break
-    left = [name for name in TIMES if name not in names and getattr(told, name) == 0]
-    if left:
-        posterior = replace(posterior, stirred=(*names, *left))
-        point = posterior.at(point.theta, point.free)
-    _, response, *_ = posterior.solve(point)
+    left = [name for name in TIMES if name not in (*names, CONSIDERED) and getattr(told, name) == 0]
+    posterior = replace(posterior, stirred=(*names, *left, CONSIDERED))
+    point, slope = posterior.by_kind(point, kinds(pixels.events))
+    _, response, _, complement = posterior.solve(point)
     away, owner = point.free - posterior.centre, posterior.basis.owner
     turn = {
         group: turn_deg(point.theta, response @ np.where(np.isin(owner, of_group), away, 0))
         for group, of_group in GROUPS.items()
     }
-    around = covariance(posterior, point)
+    heard = posterior.heard
+    around = covariance(slope[heard], response[heard], posterior.vectors, complement)
+    around += posterior.considered(point, tolerance, CONSIDERED)
     sigma = np.sqrt(np.einsum("ij,jk,ik->i", posterior.basis.vectors, around, posterior.basis.vectors))
     return Inferred(
         posterior.rig(point.free),
@@ -143,29 +147,30 @@ class Damping:
 
 
 def _descend(posterior: Posterior, point: Point, damping: Damping) -> tuple[Point, Damping, float, int]:
-    """Make steps until they turn no normals; gives the last point, damping, its turn [deg], and the steps."""
+    """Make steps until they are short; gives the last point, damping, its length in `SETTLED`, and the steps.
+
+    The length is Newton's decrement (Boyd and Vandenberghe 2004, eq. 9.29).
+    """
     for made in range(1, N_STEP + 1):
-        step, response, rest, _ = posterior.solve(point, damping.pixel, damping.shared)
+        step, response, rest, complement = posterior.solve(point, damping.pixel, damping.shared)
         new = posterior.moved(point, step, response, rest)
         worse = new.cost - point.cost > SLACK
         if worse.any():
             new = posterior.kept(point, new, worse)
         refused = posterior.risen(point, new) > RISEN
         damping = damping.after(worse, refused)
-        moved = turn_deg(point.theta, response @ (new.free - point.free))
+        length = np.sqrt(step @ complement @ step / max(len(step), 1))
         if not refused:
             point = new
-        if moved < SETTLED_DEG:
+        if length < SETTLED:
             break
-    return point, damping, moved, made
+    return point, damping, length, made
 
 
 def _left_open(theta: np.ndarray, response: np.ndarray, around: np.ndarray) -> tuple[float, np.ndarray]:
     """Give what the covariance of what is shared makes of the maps; see `Inferred`."""
     n_map = theta.shape[1]
-    of_maps = np.einsum(
-        "nij,jk,nlk->nil", response[:, :n_map], around, response[:, :n_map], optimize=True
-    )
+    of_maps = np.einsum("nij,jk,nlk->nil", response[:, :n_map], around, response[:, :n_map], optimize=True)
     angle = normal_sigma_deg(theta[:, 0], theta[:, 1], of_maps[:, :2, :2])
     variance = np.median(np.diagonal(of_maps, axis1=1, axis2=2)[:, 2:], axis=0)
     return float(np.median(angle)), np.sqrt(np.maximum(variance, 0))

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from evsdr.events.lead import POLES, kept, lead_of
+from evsdr.events.lead import kept, lead_of, poles_of
 from evsdr.events.receptor import MOST_NODES, follow, late_at, light_at, phase_at, shown_at
 from evsdr.solve.law import GAUSS, SHARE, STUDENT
 from evsdr.solve.shared.rig import N_TIMING
@@ -24,9 +24,11 @@ from evsdr.threads import N_CHUNK, in_chunks
 
 SMALLEST_SLOPE = 0.02  # of v per slot: what is slower, or has the wrong sign, counts as nearly this
 FAR = 5.0  # standard deviations of a threshold within which silence says nothing
-TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, ON, OFF = range(8)  # columns after those of the LEDs
+TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, POLE, ON, OFF = range(9)  # columns after those of the LEDs
+STIRRED = TAU, DARK, NOISE, POLE  # by which derivatives are differences
 EARLIER = 1e-6  # slots, for derivatives
 KINK = 0.01  # change of the rarity by a small step of timing that no smooth light makes
+TURN = 0.2  # of a lead, by a small step of tau: where light turns, one event would tell tau better than all others
 LONG, TINY = -2.0, 1e-300  # below which the curvature is that of the tangent parabola about 0
 
 
@@ -92,10 +94,11 @@ def _change_of_light(at, light, crossfade):
 
 
 @njit(cache=True, error_model="numpy")
-def _change_of_kept(own_time):
+def _change_of_kept(own_time, pole):
     """Give the derivatives of `lead.kept`."""
-    slow, fast = math.exp(-own_time), math.exp(-POLES * own_time)
-    return POLES * (fast - slow) / (POLES - 1), (POLES * fast - slow) / (POLES - 1)
+    poles = poles_of(pole)
+    slow, fast = math.exp(-own_time), math.exp(-poles * own_time)
+    return poles * (fast - slow) / (poles - 1), (poles * fast - slow) / (poles - 1)
 
 
 @njit(cache=True, error_model="numpy")
@@ -149,9 +152,9 @@ def pixel_sums(
         C_on, C_off.
     own_thresholds : bool
         Whether the logarithms of these are the last unknowns of each pixel; else those of two factors are shared.
-    values : (4, 6) float64
-        tau (above 0), dark current, noise, shift, refractory period and leak, times in slots; then tau, dark current and
-        noise moved a little, for derivatives, or not, for none.
+    values : (5, 7) float64
+        tau (above 0), dark current, noise, shift, refractory period, leak and pole, times in slots; then one of `STIRRED`
+        after the other moved a little, for derivatives, or not, for none.
     terms : Terms
     lead : (2, n) float64
         `lead.TABLE`.
@@ -210,13 +213,17 @@ def _run(
     logs = n - 2 if own_thresholds else timing + ON  # first column of the thresholds
     crossfade, told_noise = terms.crossfade, values[0, NOISE]
     tau, shift, refractory, leak = values[0, TAU], values[0, SHIFT], values[0, REFRACTORY], values[0, LEAK]
-    moved_by = np.zeros(NOISE + 1)
-    for q in range(NOISE + 1):
-        moved_by[q] = values[q + 1, q] - values[0, q]
+    moved_by = np.zeros(len(STIRRED))
+    for q in range(len(STIRRED)):
+        moved_by[q] = values[q + 1, STIRRED[q]] - values[0, STIRRED[q]]
     sets = np.append(np.flatnonzero(moved_by[:NOISE]) + 1, 0)  # another tau, another dark current, as told
+    pole, others = (
+        values[0, POLE],
+        np.flatnonzero(moved_by[NOISE:]) + NOISE + 1,
+    )  # another noise, another pole
     row, light = np.zeros(n_all), np.zeros(n_slot)
     nodes, shown = np.zeros((3, n_slot, MOST_NODES + 2)), np.zeros((3, n_slot))
-    met, reference, rarity, noise = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros((4, 2))
+    met, reference, rarity, noise = np.zeros(5), np.zeros(5), np.zeros(5), np.zeros((5, 2))
     for i in some[chunk::N_CHUNK]:
         table, tilt, matrix = signals[i], tilts[i], information[i]
         for k in range(n_slot):
@@ -238,13 +245,15 @@ def _run(
                 level, velocity = 0.0, 0.0
                 for q in sets:
                     late_0, log_now, own = _look(start, light, nodes[q], values[q], crossfade)
-                    level, velocity = kept(refractory * own)
+                    level, velocity = kept(refractory * own, pole)
                     added = before * told_noise * (level * noise[q, 0] + velocity * noise[q, 1])
                     reference[q] = log_now - late_0 + added
                 left = told_noise**2 * (1 - level**2 * (1 - spread))
-                added = before * values[3, NOISE] * (level * noise[3, 0] + velocity * noise[3, 1])
-                reference[3] = log_now - late_0 + added
-                by_level, by_velocity = _change_of_kept(refractory * own)
+                for q in others:
+                    by_level, by_velocity = kept(refractory * own, values[q, POLE])
+                    added = before * values[q, NOISE] * (by_level * noise[q, 0] + by_velocity * noise[q, 1])
+                    reference[q] = log_now - late_0 + added
+                by_level, by_velocity = _change_of_kept(refractory * own, pole)
                 fading = before * told_noise * (by_level * noise[0, 0] + by_velocity * noise[0, 1])
                 by_shift = (
                     -late_0 * own - fading * refractory * _change_of_light(start, light, crossfade) / tau
@@ -257,15 +266,19 @@ def _run(
                     late, log_now, own = _look(fired, light, nodes[q], values[q], crossfade)
                     if told_noise > 0:
                         noise[q, 0], spread_now, noise[q, 1] = lead_of(
-                            lead, told_noise, late, own, fired, nodes[q], crossfade
+                            lead, told_noise, late, own, fired, nodes[q], crossfade, pole
                         )
                     met[q] = log_now - late + p * told_noise * noise[q, 0]
                     rarity[q] = _rarity(p, late + leak / own, own)
-                if moved_by[NOISE] != 0:
-                    noise[3, 0], _, noise[3, 1] = lead_of(
-                        lead, values[3, NOISE], late, own, fired, nodes[0], crossfade
+                for q in sets[:-1]:
+                    if abs(noise[q, 0] - noise[0, 0]) > TURN:
+                        met[q] += p * told_noise * (noise[0, 0] - noise[q, 0])
+                        noise[q] = noise[0]
+                for q in others:
+                    noise[q, 0], _, noise[q, 1] = lead_of(
+                        lead, values[q, NOISE], late, own, fired, nodes[0], crossfade, values[q, POLE]
                     )
-                    met[3] = log_now - late + p * values[3, NOISE] * noise[3, 0]
+                    met[q] = log_now - late + p * values[q, NOISE] * noise[q, 0]
             spread = spread_now
             if not told:
                 continue
@@ -282,11 +295,10 @@ def _run(
                 slot, fade = shown_at(fired, late, light, crossfade)
                 _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
                 _add_light(row, -factor * (1 + late_0), slot_0, fade_0, leds, table, tilt, veil, band, n)
-                for q in range(NOISE + 1):
+                for q in range(len(STIRRED)):
                     if moved_by[q] != 0:
-                        row[timing + q] = (
-                            factor * (met[q + 1] - met[0] - reference[q + 1] + reference[0]) / moved_by[q]
-                        )
+                        more = met[q + 1] - met[0] - reference[q + 1] + reference[0]
+                        row[timing + STIRRED[q]] = factor * more / moved_by[q]
                 row[timing + SHIFT] = -factor * (late * own + by_shift)
                 row[timing + REFRACTORY] = -factor * (by_refractory + leak)
                 row[timing + LEAK] = factor * since
@@ -340,10 +352,11 @@ def _run(
                 slot, fade = shown_at(float(where), late, light, crossfade)
                 _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
                 _add_light(row, -factor * (1 + late_0), slot_0, fade_0, leds, table, tilt, veil, band, n)
-                for q in range(NOISE + 1):
+                for q in range(len(STIRRED)):
                     moved = shown[q + 1, where] - shown[0, where] if q < NOISE else 0.0
                     if moved_by[q] != 0:
-                        row[timing + q] = factor * (moved - reference[q + 1] + reference[0]) / moved_by[q]
+                        more = moved - reference[q + 1] + reference[0]
+                        row[timing + STIRRED[q]] = factor * more / moved_by[q]
                 row[timing + SHIFT] = -factor * by_shift
                 row[timing + REFRACTORY] = -factor * (by_refractory + leak)
                 row[timing + LEAK] = factor * since

@@ -26,7 +26,7 @@ from evsdr.solve.unknowns import to_normal
 FEWEST_EVENTS = 20  # of a pixel that tells
 CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more may be wrong
 FEW = 1e-3  # of the events, that may come sooner: noise
-STEPS = {"tau": 1e-5, "dark": 1e-4, "noise": 1e-5}  # for derivatives
+STEPS = {"tau": 1e-5, "dark": 1e-4, "noise": 1e-5, "pole": 1e-2}  # for derivatives
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,10 @@ class Pixels:
 
 def stirred_values(rig: Rig, stirred: tuple[str, ...]) -> np.ndarray:
     """Give the `values` of `kernel.pixel_sums`, with derivatives by some of `STEPS`."""
-    values = np.tile([getattr(rig, name) for name in TIMES], (4, 1))
+    values = np.tile([getattr(rig, name) for name in TIMES], (1 + len(STEPS), 1))
     values[:, 0] = max(rig.tau, SHORTEST)
-    values[1:, : len(STEPS)] += np.diag([h if name in stirred else 0.0 for name, h in STEPS.items()])
+    for row, (name, step) in enumerate(STEPS.items(), 1):
+        values[row, TIMES.index(name)] += step if name in stirred else 0.0
     return values
 
 

@@ -127,25 +127,28 @@ class Posterior:
         """Evaluate it, or only that of some pixels, (n,) int."""
         return self._with_priors(Point(theta, free, *self._sums(theta, free, some)), self.rig(free))
 
+    def by_kind(self, point: Point, kind: np.ndarray) -> tuple[Point, np.ndarray]:
+        """Evaluate it again, and give the slopes of each kind of event, too.
+
+        Parameters
+        ----------
+        kind : (n_event,) int64
+
+        Returns
+        -------
+        point : Point
+        slope : (n_pixel, n_kind, n + m)
+            Of the cost, without priors, see `kernel.pixel_sums`.
+        """
+        cost, slope, *rest = self._sums(point.theta, point.free, kind=kind)
+        new = Point(point.theta, point.free, cost, slope.sum(axis=1), *rest)
+        return self._with_priors(new, self.rig(point.free)), slope
+
     def _sums(self, theta, free, some=None, kind=None) -> tuple:
         """See `kernel.pixel_sums`."""
         terms = Terms(self.pixels.crossfade, self.scatter, ROBUST, SLOPE_TERM)
         given = self.own_thresholds, self.tilted, terms, self.weigh, some, self.stirred
         return self.pixels.sums(theta, self.rig(free), *given, kind)
-
-    def scores(self, point: Point, response: np.ndarray, kind: np.ndarray) -> np.ndarray:
-        """Give the slopes (n_kind, n_free) of the cost of each kind of event by what is shared, as maps respond to it.
-
-        Parameters
-        ----------
-        response : (n_pixel, n, n_free)
-            See `solve`.
-        kind : (n_event,) int64
-        """
-        n, heard = point.theta.shape[1], self.heard
-        slope = self._sums(point.theta, point.free, kind=kind)[1][heard]
-        of_maps = np.tensordot(slope[:, :, :n].transpose(1, 0, 2), response[heard], 2)
-        return slope[:, :, n:].sum(axis=0) @ self.vectors + of_maps
 
     def _with_priors(self, point: Point, rig: Rig) -> Point:
         """Add the weak priors of the maps, and the distribution of thresholds over the pixels."""
@@ -195,13 +198,24 @@ class Posterior:
 
     def wanted(self, point: Point, told: Told, name: str) -> float:
         """Give how many standard deviations above 0 the events want what was not free (Rao 1948, score test)."""
+        step, complement, k = self._if_free(point, told, name)
+        return float(step[k] / np.sqrt(np.linalg.inv(complement)[k, k]))
+
+    def considered(self, point: Point, told: Told, name: str) -> np.ndarray:
+        """Give the covariance (n_free, n_free) that comes of not knowing better than told what is not free."""
+        _, complement, k = self._if_free(point, told, name)
+        others = np.arange(len(complement)) != k
+        response = np.linalg.solve(complement[others][:, others], complement[others, k])
+        return np.outer(response, response) * told.tolerance(self.pixels.slot_us)[name] ** 2
+
+    def _if_free(self, point: Point, told: Told, name: str) -> tuple[np.ndarray, np.ndarray, int]:
+        """Solve as if something were free, too; gives step, Schur's complement, and its place in these."""
         more = Basis.of((*self.basis.owner.tolist(), name), self.pixels.light.band)
         sigma = np.array([told.tolerance(self.pixels.slot_us)[owner] for owner in more.owner])
         step, _, _, complement = replace(
             self, basis=more, sigma=sigma, centre=more.vectors.T @ self.basis.vectors @ self.centre
         ).solve(replace(point, free=more.vectors.T @ self.basis.vectors @ point.free))
-        k = list(more.owner).index(name)
-        return float(step[k] / np.sqrt(np.linalg.inv(complement)[k, k]))
+        return step, complement, list(more.owner).index(name)
 
     def moved(self, point: Point, step: np.ndarray, response: np.ndarray, rest: np.ndarray) -> Point:
         """Evaluate it after a step, kept to sensible lengths and values."""

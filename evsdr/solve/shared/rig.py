@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-TIMES = ("tau", "dark", "noise", "shift", "refractory", "leak")
+TIMES = ("tau", "dark", "noise", "shift", "refractory", "leak", "pole")
 NAMES = ("powers", *TIMES, "thresholds", "directions")
+CONSIDERED = "pole"  # known only as told, which sigmas of the others hold (Schmidt 1966)
 N_TIMING = len(TIMES) + 2  # columns of the border between powers and directions
 GROUPS = {  # what a user can leave out, and what is decided on together
     "powers": ("powers",),
@@ -39,6 +40,8 @@ class Rig:
         Refractory period.
     leak : float
         Rise of what the comparators see, per slot since the reference was memorised [log I].
+    pole : float
+        How fast that noise forgets, see `events.lead`; never found, but considered in sigmas.
     log_threshold : (2,) float
         Mean logarithms of C_on and C_off over the pixels, relative to what is told.
     tilt : (n_led, 2) float
@@ -52,6 +55,7 @@ class Rig:
     shift: float
     refractory: float
     leak: float
+    pole: float
     log_threshold: np.ndarray
     tilt: np.ndarray
 
@@ -82,6 +86,8 @@ class Told:
         As in `Rig`, times in us.
     leak : float
         Of the rise of log I [1/s].
+    pole : float
+        As in `Rig`.
     thresholds : float
         Of the mean logarithm of each threshold.
     directions_deg : float
@@ -95,6 +101,7 @@ class Told:
     shift_us: float = 30.0
     refractory_us: float = 15.0
     leak: float = 0.05
+    pole: float = 1.0
     thresholds: float = 0.3
     directions_deg: float = 0.5
 
@@ -108,6 +115,7 @@ class Told:
             shift=self.shift_us / slot_us,
             refractory=self.refractory_us / slot_us,
             leak=self.leak * 1e-6 * slot_us,
+            pole=self.pole,
             thresholds=self.thresholds,
             directions=np.radians(self.directions_deg),
         )

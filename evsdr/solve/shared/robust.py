@@ -10,23 +10,39 @@ and Miller 2011, without the term of their intersection; where the model is true
 
 import numpy as np
 
-from evsdr.solve.shared.posterior import Point, Posterior
-
-N_WAIT, N_PART = 5, 4  # kinds by the time since the event before, and by the part of a slot; measured by experiments.sigma
+N_WAIT, N_PART = (
+    5,
+    4,
+)  # kinds by the time since the event before, and by the part of a slot; measured by experiments.sigma
 
 
 def kinds(events: tuple) -> np.ndarray:
     """Give the kind of each event (n_event,) int64, from 0; `events` as in `kernel.pixel_sums`."""
     _, at, gap, polarity, *_ = events
+    gap, at, polarity = (np.append(of[:1], of[:-1]) for of in (gap, at, polarity))
     waited = np.searchsorted(np.quantile(gap, np.arange(1, N_WAIT) / N_WAIT), gap) if len(gap) else gap
     again = polarity == np.append(0, polarity[:-1])
     part = np.minimum(N_PART * (at - np.floor(at)), N_PART - 1).astype(np.int64)
     return (2 * np.asarray(waited, np.int64) + again) * N_PART + part
 
 
-def covariance(posterior: Posterior, point: Point) -> np.ndarray:
-    """Give that of what is shared (n_free, n_free), along the basis, where the posterior has its maximum."""
-    _, response, _, complement = posterior.solve(point)
-    known = np.linalg.inv(complement)
-    errors = posterior.scores(point, response, kinds(posterior.pixels.events)) @ known
+def covariance(
+    slope: np.ndarray, response: np.ndarray, vectors: np.ndarray, complement: np.ndarray
+) -> np.ndarray:
+    """Give that of what is shared (n_free, n_free), along the basis, where the posterior has its maximum.
+
+    Parameters
+    ----------
+    slope : (n_pixel, n_kind, n + m)
+        Of the cost of each kind of event by the n unknowns of a pixel and what is shared.
+    response : (n_pixel, n, n_free)
+        Of the maps to what is shared.
+    vectors : (m, n_free)
+        Along which that may move.
+    complement : (n_free, n_free)
+        What is known of it.
+    """
+    n, known = response.shape[1], np.linalg.inv(complement)
+    of_maps = np.tensordot(slope[:, :, :n].transpose(1, 0, 2), response, 2)
+    errors = (slope[:, :, n:].sum(axis=0) @ vectors + of_maps) @ known
     return known + errors.T @ errors

@@ -17,7 +17,7 @@ from evsdr.solve.event_terms import normal_equations
 from evsdr.solve.law import gaussian_share
 from evsdr.solve.loss import derivative_table
 from evsdr.solve.pair_data import PairData, bounds, pack_phases, pack_slots
-from evsdr.solve.shared.kernel import N_TIMING, Terms, pixel_sums
+from evsdr.solve.shared.kernel import N_TIMING, OFF, ON, Terms, pixel_sums
 from tests.support.pixel_light import ring
 from tests.support.sphere import NO_FLAWS
 
@@ -26,7 +26,7 @@ ROBUST, SHARE = 3.0, gaussian_share(3.0)
 ORDER = np.array([0, 1, 6, 2, 5, 4, 3, 3])  # LED 6 is darkness
 BAND = np.arange(N_LED) % 3
 N_MAP, N_EVENT = 5, 40  # unknowns of the maps; events of a pixel
-STEPS = np.array([1e-7, 1e-4, 1e-5, 1e-6, 1e-6, 1e-6])
+STEPS = np.array([1e-7, 1e-4, 1e-5, 1e-6, 1e-6, 1e-6, 1e-2])
 TIMING = slice(0, 6)  # of the columns after those of the LEDs
 
 
@@ -59,7 +59,7 @@ class Case:
         )
         signals = rng.uniform(0.2, 1, (N_PIXEL, 4, N_LED))
         signals[:, 1:3] -= 0.6
-        values = np.array([tau, 0.02, noise, 0.013, 0.05, 0.04])
+        values = np.array([tau, 0.02, noise, 0.013, 0.05, 0.04, 0.1])
         tilts = rng.normal(0, 0.5, (N_PIXEL, N_LED, 2))
         thresholds = rng.uniform(0.2, 0.8, (N_PIXEL, 2))
         return cls(signals, tilts, thresholds, events, values, **options)
@@ -70,13 +70,13 @@ class Case:
         n = self.n
         maps, shared = move[:N_MAP], move[n:]
         power, timing, tilt = np.split(shared, [N_LED, N_LED + N_TIMING])
-        logs = move[N_MAP:n] if self.own else timing[6:]
+        logs = move[N_MAP:n] if self.own else timing[7:]
         signals = self.signals.copy()
         signals[:, 0] += signals[:, 1] * maps[0] + signals[:, 2] * maps[1]
         signals[:, 0] += signals[:, 3] * np.expm1(maps[2:][BAND])
         signals[:, 0] *= np.exp(power + np.einsum("ijk,jk->ij", self.tilts, tilt.reshape(N_LED, 2)))
-        values = np.tile(self.values + timing[:6], (4, 1))
-        values[1:, :3] += np.diag(STEPS[:3])
+        values = np.tile(self.values + timing[:7], (5, 1))
+        values[[1, 2, 3, 4], [0, 1, 2, 6]] += STEPS[[0, 1, 2, 6]]
         weigh = np.zeros(len(self.events[1])) if self.weigh is None else self.weigh
         return pixel_sums(
             self.events, ORDER, BAND, VEIL, signals, self.tilts, self.thresholds * np.exp(logs), self.own,
@@ -104,7 +104,7 @@ class Case:
     def steps(self):
         steps = np.full(self.width, 1e-6)
         first = self.n + N_LED
-        steps[first : first + 6] = STEPS / 2
+        steps[first : first + 7] = STEPS / 2
         return steps
 
 
@@ -194,7 +194,7 @@ def test_the_information_of_thresholds_by_hand(loud):
     """Each pair tells one by (u + 1) / scale, weighed by its law, and its time once more."""
     sums = loud.sums()
     u, polarity, scale = sums[3], loud.events[3], np.sqrt(loud.scatter**2 + 0.01)
-    for column, p in ((loud.n + N_LED + 6, 1), (loud.n + N_LED + 7, -1)):
+    for column, p in ((loud.n + N_LED + ON, 1), (loud.n + N_LED + OFF, -1)):
         mine = u[np.isfinite(u) & (polarity == p)]
         weight = 1 / (1 + (mine / scale / ROBUST) ** 2)
         expected = np.sum(weight * ((mine + 1) / scale) ** 2 + SHARE)
@@ -203,7 +203,7 @@ def test_the_information_of_thresholds_by_hand(loud):
 
 def test_the_variance_of_a_residual_is_that_of_both_ends(loud):
     """Far beyond the time constant the reference is noise at rest; the lead scatters less."""
-    apart = replace(loud, values=loud.values + [0, 0, 0, 0, 0.2, 0])
+    apart = replace(loud, values=loud.values + [0, 0, 0, 0, 0.2, 0, 0])
     variance, u = apart.sums()[4], apart.sums()[3]
     own = apart.thresholds[np.repeat(np.arange(N_PIXEL), N_EVENT), (loud.events[3] < 0).astype(int)]
     relative = (variance * own**2 / 0.03**2)[np.isfinite(u)]
@@ -248,7 +248,7 @@ def test_events_without_noise_leave_no_residual(rng, tau, crossfade):
     table[:, 0] = signal.reshape(N_LED, 6).T
 
     def residual(*truth):
-        values = np.tile(np.maximum(truth, [FAST, 0, 0, -1, 0, 0]), (4, 1))
+        values = np.tile(np.maximum([*truth, 0], [FAST, 0, 0, -1, 0, 0, 0]), (5, 1))
         thresholds = np.stack([on.ravel(), off.ravel()], axis=-1).astype(float)
         terms = Terms(crossfade, 0.01, ROBUST, SHARE)
         given_light = np.arange(N_LED), np.arange(N_LED) % 3, VEIL, table, np.zeros((6, N_LED, 0)), thresholds
@@ -306,7 +306,7 @@ def test_the_law_is_that_of_the_maps_solver(rng, monkeypatch):
     ending = (starts[-1] - t[offset[1:] - 1]) / slot_us
     gap = np.diff(t, prepend=t[:1]) / slot_us
     ours = offset, at, gap, (2 * events.p[sort] - 1).astype(np.int8), inside, ending
-    values = np.tile([FAST, 0, 0, 0, refractory, 0.0], (4, 1))
+    values = np.tile([FAST, 0, 0, 0, refractory, 0.0, 0.0], (5, 1))
     table = np.stack([lit, by_p, by_q, lit]).transpose(2, 0, 1).copy()
     thresholds = np.stack([on.ravel(), off.ravel()], axis=-1).astype(float)
     found = pixel_sums(

@@ -105,3 +105,37 @@ def test_pixels_in_a_wrong_minimum_are_not_heard(posterior, point):
 def test_a_rig_holds_what_is_not_free(case, posterior, point):
     rig = posterior.rig(point.free + 0.01)
     assert rig.refractory == case.told.refractory and np.any(rig.log_power) and rig.tilt.shape == (N_LED, 2)
+
+
+@pytest.mark.parametrize("off", [0.002, 0.1])
+def test_how_well_powers_are_told_shows_in_how_far_they_are_off(case, posterior, point, off):
+    """16 of them, and what is told counts as one more; directions, of which nothing is off, are told better, too."""
+    powers = posterior.basis.owner == "powers"
+    free = posterior.centre + np.where(powers, off * np.tile([1, -1], len(powers))[: len(powers)], 0)
+    sigma = posterior.learnt_sigma(posterior.at(point.theta, free))
+    expected = np.sqrt((16 * off**2 + Told().powers ** 2) / 17)
+    assert sigma[powers] == pytest.approx(expected, rel=0.3) and np.ptp(sigma[powers]) == 0
+    assert sigma[~powers].max() < 0.5 * posterior.sigma[~powers].max()
+
+
+def test_what_is_only_considered_makes_the_others_less_known(case):
+    """The more the less is told of it; where nothing depends on it, not at all."""
+    theta = case.solution.theta[case.row].astype(float)
+    told = replace(case.told, tau=0.005, noise=0.01)
+    start = Start(theta, told, np.ones(2), case.solution.noise)
+    posterior = _posterior(case.pixels, start, told, Told(), ("refractory",))
+    posterior = replace(posterior, stirred=("pole",))
+    first = posterior.at(theta, posterior.basis.vectors.T @ told.vector)
+    found = posterior.considered(first, Told(), "pole")
+    assert found.shape == (1, 1) and found[0, 0] > 0
+    assert posterior.considered(first, Told(pole=2.0), "pole") == pytest.approx(4 * found, rel=0.2)
+    still = replace(posterior, stirred=())
+    assert still.considered(still.at(theta, first.free), Told(), "pole") == pytest.approx(0, abs=1e-20)
+
+
+def test_slopes_of_kinds_of_events_add_up(posterior, point):
+    kind = np.arange(posterior.pixels.n_event) % 3
+    again, slope = posterior.by_kind(point, kind)
+    np.testing.assert_allclose(again.gradient, point.gradient, atol=1e-9 * np.abs(point.gradient).max())
+    np.testing.assert_array_equal(again.matrix, point.matrix)
+    assert slope.shape[:2] == (len(point.theta), 3) and np.abs(slope).max(axis=(0, 2)).min() > 0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evsdr.solve.shared.rig import GROUPS, N_TIMING, NAMES, TIMES, Basis, Rig, Told, across
+from evsdr.solve.shared.rig import CONSIDERED, GROUPS, N_TIMING, NAMES, TIMES, Basis, Rig, Told, across
 
 BAND = [0, 1, 2, 0, 1, 0]  # band 2 has one LED
 
@@ -14,14 +14,14 @@ def test_a_rig_is_read_as_it_is_written():
     vector = np.arange(3.0 * 6 + N_TIMING)
     rig = Rig.of(vector, 6)
     np.testing.assert_array_equal(rig.vector, vector)
-    assert [getattr(rig, name) for name in TIMES] == [6, 7, 8, 9, 10, 11]
-    assert rig.log_power.tolist() == [0, 1, 2, 3, 4, 5] and rig.log_threshold.tolist() == [12, 13]
-    assert rig.tilt.shape == (6, 2) and rig.tilt[1].tolist() == [16, 17]
+    assert [getattr(rig, name) for name in TIMES] == [6, 7, 8, 9, 10, 11, 12]
+    assert rig.log_power.tolist() == [0, 1, 2, 3, 4, 5] and rig.log_threshold.tolist() == [13, 14]
+    assert rig.tilt.shape == (6, 2) and rig.tilt[1].tolist() == [17, 18]
     np.testing.assert_array_equal(np.flatnonzero(replace(rig, shift=-1.0).vector != vector), [9])
 
 
-def test_groups_hold_all_names_once():
-    assert sorted(name for group in GROUPS.values() for name in group) == sorted(NAMES)
+def test_groups_hold_all_names_once_but_what_is_only_considered():
+    assert sorted([CONSIDERED, *(name for group in GROUPS.values() for name in group)]) == sorted(NAMES)
 
 
 def test_all_directions_are_orthonormal_and_powers_of_a_band_add_up_to_0():
@@ -59,7 +59,7 @@ def test_tolerances_are_in_the_units_of_a_rig():
     assert found == pytest.approx(
         dict(
             tau=2, shift=3, refractory=4, directions=np.pi / 2, powers=0.1, dark=0.2, noise=0.3, leak=5e-6,
-            thresholds=told.thresholds,
+            thresholds=told.thresholds, pole=told.pole,
         )
     )  # fmt: skip
     assert set(found) == set(NAMES)
