@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.errors import InputError, check_memory
+from evsdr.files.kind import regular
 
 COPIES = 3  # of an array that its checks take
 
@@ -27,7 +28,7 @@ def read_npz(path: Path, names: Iterable[str], wanted: str) -> dict[str, np.ndar
         The file is no archive of arrays, or damaged.
     """
     try:
-        with open(path, "rb") as stream:
+        with regular(path).open("rb") as stream:
             with zipfile.ZipFile(stream) as archive:
                 entries = archive.infolist()
                 size = sum(entry.file_size for entry in entries)
@@ -54,7 +55,7 @@ def read_npy(path: Path, wanted: str) -> np.ndarray:
         The file is no array, or damaged.
     """
     try:
-        with open(path, "rb") as stream:
+        with regular(path).open("rb") as stream:
             version = np.lib.format.read_magic(stream)
             header = {
                 (1, 0): np.lib.format.read_array_header_1_0,

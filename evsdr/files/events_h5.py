@@ -203,7 +203,10 @@ def _read_thresholds(dataset: h5py.Dataset, shape: tuple[int, int]) -> np.ndarra
 def _read_schedule(file: h5py.File) -> Schedule:
     group = member(file, "schedule")
     if not isinstance(group, h5py.Group):
-        raise InputError("the group schedule is missing; write slot_us, crossfade and order there.")
+        raise InputError(
+            "the group schedule is missing; write slot_us, crossfade and order there, or join the camera's recording "
+            "with the ring's log by python -m evsdr.convert."
+        )
     order = member(file, "schedule/order")
     is_list = isinstance(order, h5py.Dataset) and order.ndim == 1 and order.size > 0
     if not is_list or order.dtype.kind not in "iu":

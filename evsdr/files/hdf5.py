@@ -9,6 +9,7 @@ import hdf5plugin  # noqa: F401  (its filters register on import)
 import numpy as np
 
 from evsdr.errors import InputError, check_memory
+from evsdr.files.kind import HDF5, other_kind
 
 # Compression by which a declared length is believed; measured: events of all filters shrink to a tenth, zeros to 1 / 1000
 MOST_RATIO, SMALL = 5000, 64 << 20  # and bytes that are believed anyway
@@ -25,10 +26,11 @@ def open_hdf5(path: Path, wanted: str) -> Iterator[h5py.File]:
     wanted : str
         What to name instead, for sentences: "an events.h5".
     """
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"{path}: there is no such file; name {wanted}.")
-    if not h5py.is_hdf5(path):
-        raise InputError(f"{path}: this is not a readable HDF5 file; name {wanted}.")
+    if not path.is_file() or not h5py.is_hdf5(path):  # a FIFO would be waited for
+        no = f"{path}: this is not a readable HDF5 file; name {wanted}."
+        raise InputError(other_kind(path, HDF5, wanted) or no)
     try:
         with h5py.File(path, "r") as file:
             yield file

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from evsdr.errors import InputError
+from evsdr.files.kind import regular
 
 LARGEST = 64 << 20  # bytes
 
@@ -23,7 +24,7 @@ def read_json(path: Path, wanted: str) -> object:
         The file is missing, too large, or no JSON.
     """
     try:
-        if path.stat().st_size > LARGEST:
+        if regular(path).stat().st_size > LARGEST:
             raise InputError(f"{path}: this is larger than {LARGEST >> 20} MiB; name {wanted}.")
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.errors import InputError
+from evsdr.files.kind import regular
 
 LARGEST = 64 << 20  # bytes
 
@@ -26,7 +27,7 @@ def read_numbers(path: Path, otherwise: str) -> np.ndarray:
         It is none.
     """
     try:
-        if path.stat().st_size > LARGEST:
+        if regular(path).stat().st_size > LARGEST:
             raise ValueError("it is too large")
         text = path.read_text(encoding="utf-8-sig")
         with warnings.catch_warnings():

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from evsdr.errors import InputError, check_memory
+from evsdr.files.kind import XML, other_kind
 from evsdr.integrators.leds import Leds, emitter_id
 from evsdr.integrators.ring import RingIntegrator, find_object
 from evsdr.light.scene_file import check_scene_file, known_plugins
@@ -151,8 +152,11 @@ def _source(given: str | Path | dict, define: dict[str, str]) -> tuple[Path | st
             raise InputError(f"a scene given as a dictionary has no parameter {next(iter(define))} to set.")
         return "the scene", partial(mi.load_dict, given, optimize=False)
     path = Path(given)
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"{path}: no such file; give the path of a scene.xml.")
+    other = other_kind(path, XML, "a scene.xml")
+    if other:
+        raise InputError(other)
     own = Path(mi.__file__).parent
     looked_in = [Path(str(folder)) for folder in mi.file_resolver()]
     folders = check_scene_file(path, define, tuple(looked_in))

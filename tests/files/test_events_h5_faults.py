@@ -111,7 +111,7 @@ def test_refractory_of_zero_is_allowed(path):
 
 def test_missing_file(tmp_path):
     assert_refused(tmp_path / "none.h5", "there is no such file")
-    assert_refused(tmp_path, "there is no such file")
+    assert_refused(tmp_path, "this is a folder")
 
 
 def test_not_hdf5(tmp_path):

@@ -1,5 +1,7 @@
 """HDF5 files that others wrote: links, storage elsewhere, lengths beyond the file, damage."""
 
+import os
+
 import h5py
 import numpy as np
 import pytest
@@ -82,6 +84,12 @@ def test_what_is_no_hdf5_is_said(tmp_path):
     for name, says in (("no.h5", "no such file; name it"), ("a.h5", "not a readable HDF5 file; name it")):
         with pytest.raises(InputError, match=says), open_hdf5(tmp_path / name, "it"):
             pass
+
+
+def test_a_fifo_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    with pytest.raises(InputError, match="not a readable HDF5 file"), open_hdf5(tmp_path / "fifo", "it"):
+        pass
 
 
 @pytest.mark.filterwarnings("ignore::evsdr.errors.InputWarning")

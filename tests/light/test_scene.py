@@ -48,7 +48,7 @@ def test_broken_file(tmp_path, text):
 def test_missing_file(tmp_path):
     with pytest.raises(InputError, match=r"scene\.xml: no such file; give the path of a scene\.xml\."):
         load_scene(tmp_path / "scene.xml")
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="this is a folder; name a scene.xml"):
         load_scene(tmp_path)
 
 
