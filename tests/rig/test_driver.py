@@ -1,6 +1,7 @@
 """The host's side of the ring, against a ring in Python over a line that may be bad."""
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -280,3 +281,26 @@ def test_a_stop_ends_dark_and_writes_the_log(tmp_path, name):
         assert err.startswith("stopped; ") and "ring.json" in err
         assert not fake.lit
     assert json.loads(path.read_text())["ended"] == "stopped"
+
+
+@pytest.mark.parametrize("state", ["met", "configured", "running", "ended"])
+def test_a_ring_that_is_unplugged_ends_in_a_sentence(monkeypatch, state):
+    monkeypatch.setattr(protocol, "LOST_S", 0.2)
+    settings, start = RingSettings(slot_us=1000, rounds=0 if state == "running" else 1), time.monotonic()
+    with FakeRing() as fake:
+        with Ring(fake.port) as host:
+            if state != "met":
+                host.configure(settings)
+            if state in ("running", "ended"):
+                host.start()
+                assert host.wait(2) == (state == "ended")
+            fake.open = False
+            fake.thread.join()
+            os.close(fake.master)
+            fake.master = os.open(os.devnull, os.O_RDONLY)
+            if state == "running":
+                assert host.wait(5) and host.log.ended == "lost"
+            for call in (host.status, lambda: host.configure(settings)):
+                with pytest.raises(InputError, match="the ring is lost, .*check cable and supply"):
+                    call()
+    assert time.monotonic() - start < 10
