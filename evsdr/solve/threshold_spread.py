@@ -14,6 +14,7 @@ CURVED_SIGMA = (
     20.0  # of what curvature does to a logarithm, beside itself; measured: -15 on balls and a bumpy mesh
 )
 LEAST_INFORMATION = 1e-2  # of a pixel: rounding can make it negative
+N_HALVED = 20  # intervals of the variance's logarithm: to 1e-5 of it
 MEDIAN_OF_SQUARE = 0.455  # of a standard normal variable
 
 
@@ -87,11 +88,20 @@ def _mean(
 
 
 def _variance(off: np.ndarray, posterior: np.ndarray, sigma: np.ndarray, least: float) -> np.ndarray:
-    """Give the variance (2,) of each over the pixels, as its data show it with the other at its mean."""
+    """Give the variance (2,) of each over the pixels, as its data show it with the other at its mean.
+
+    That with which deviations are as large as they should be: the median of their squares, each by its own variance. Where
+    some pixels know little, as dark ones, the median of all squares is far below what the median of all variances makes.
+    """
     posterior = np.einsum("nii->ni", posterior)
     alone = 1 / np.maximum(1 / posterior - sigma**-2.0, LEAST_INFORMATION)
     off = off * alone / posterior
     weight = 1 / (alone + sigma**2)
     weight *= np.abs(off - np.median(off, axis=0)) < 3 / np.sqrt(weight)
-    square = np.median((off - np.average(off, axis=0, weights=weight)) ** 2, axis=0) / MEDIAN_OF_SQUARE
-    return np.clip(square - np.median(alone, axis=0), least**2, LARGEST_VARIANCE)
+    square = (off - np.average(off, axis=0, weights=weight)) ** 2
+    low, high = np.full((2, 2), [[least**2], [LARGEST_VARIANCE]])
+    for _ in range(N_HALVED):
+        middle = np.sqrt(low * high)
+        wide = np.median(square / (alone + middle), axis=0) > MEDIAN_OF_SQUARE
+        low, high = np.where(wide, middle, low), np.where(wide, high, middle)
+    return middle

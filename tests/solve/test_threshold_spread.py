@@ -11,8 +11,8 @@ N, N_UNKNOWN = 3000, 4
 
 
 def pixels(rng, mean, spread, sigma, pull=0.3):
-    """Posterior means, gradients there and matrices of pixels whose data know log thresholds to sigma."""
-    centre = np.zeros(2)
+    """Posterior means, gradients there and matrices of pixels whose data know log thresholds to sigma, of all or of each."""
+    centre, sigma = np.zeros(2), np.broadcast_to(sigma, N)[:, None]
     hidden = rng.normal(mean, spread, (N, 2))
     data = hidden + sigma * rng.normal(size=(N, 2))
     precision = 1 / sigma**2 + 1 / pull**2
@@ -36,6 +36,14 @@ def test_mean_and_spread_are_found(rng, spread):
     found = [float(v[0]) for v in learn_spread(theta, gradient, matrix, first_spread(mi.Float))]
     assert found[:2] == pytest.approx([0.15, -0.1], abs=0.012)
     assert found[2:] == pytest.approx([max(spread, SMALLEST_SPREAD)] * 2, abs=0.012)
+
+
+def test_pixels_that_know_little_don_t_hide_the_spread(rng):
+    """Dark pixels beside bright ones: the median of squares is that of the bright, the median of variances lies between."""
+    sigma = np.where(np.arange(N) % 20 < 11, 1.0, 0.03)
+    theta, gradient, matrix = pixels(rng, [0.0, 0.0], 0.1, sigma)
+    found = [float(v[0]) for v in learn_spread(theta, gradient, matrix, first_spread(mi.Float))]
+    assert found[2:] == pytest.approx([0.1] * 2, abs=0.01)
 
 
 def test_outliers_don_t_count(rng):

@@ -327,13 +327,17 @@ def _learn_spectra(theta: list, inverse: list, unknowns: Unknowns, sample: np.nd
 
 
 def _covariance(system, inverse: list, grid: Grid, rng, n_draw: int, progress) -> np.ndarray:
-    """Scale the blocks' inverses (n_pixel, n, n) so that their diagonals are what draws show, pooled."""
+    """Scale the blocks' inverses (n_pixel, n, n) so that their diagonals are what draws show, pooled.
+
+    Rounding can spoil an inverse: such a pixel tells nothing of its neighbours'.
+    """
     single = triangles.block(inverse, range(len(system.pivot)), slice(None))
     variance = np.diagonal(single, axis1=1, axis2=2)
     ratio = np.zeros_like(variance)
     for k in range(n_draw):
         x = joint.solve(system, joint.draw(rng, system, grid.links), grid.links)
-        ratio += np.square(np.stack([v.numpy() for v in x], axis=-1), dtype=float) / variance / n_draw
+        square = np.square(np.stack([v.numpy() for v in x], axis=-1), dtype=float)
+        ratio += np.divide(square, variance, out=np.ones_like(square), where=variance > 0) / n_draw
         progress("draws", (k + 1) / n_draw)
     factor = np.sqrt(_pool(ratio, grid.mask)) if n_draw else np.ones_like(ratio)
     factor[:, :2] = np.sqrt(np.mean(factor[:, :2] ** 2, axis=1, keepdims=True))

@@ -5,6 +5,7 @@ finite differences. It counts as  w z^T P z / 2  with a precision P that is lear
 that edges stay. Its matrix is J^T D^T w P D J, with J the derivatives of q.
 """
 
+import math
 from dataclasses import dataclass
 
 import drjit as dr
@@ -12,6 +13,11 @@ import numpy as np
 
 from evsdr.solve import triangles
 from evsdr.solve.grid import AROUND_P, AROUND_Q, SECOND_X, SECOND_Y, SQUARE_MEAN, Links, Stencil
+
+# Measured on bumpy meshes with square texels of reflectance 0.02 to 0.8: normals are 6 to 12 % better with 2 than with 1, and
+# 2 to 4 % better still with 3, where single pixels of other scenes stay behind
+LETTING_GO = 2
+LEAST_LEFT = 0.1  # of the factor that lets go: pixels that nothing holds can't be solved for
 
 
 @dataclass(frozen=True)
@@ -29,6 +35,9 @@ class Prior:
         Whether the quantities are n_x and n_y; else they are the unknowns themselves.
     flattened : bool
         Whether z is multiplied by n_z^2: slopes grow without bounds where normals don't.
+    letting_go : int
+        Power of the weight of z that are larger than most. With 1 it is that of Student's t, which pulls by (d + freedom) / z
+        however far apart two neighbours are; with more, edges pull less and less.
     """
 
     name: str
@@ -37,6 +46,7 @@ class Prior:
     directions: tuple
     of_normal: bool = False
     flattened: bool = False
+    letting_go: int = 1
 
     @property
     def size(self) -> int:
@@ -120,8 +130,11 @@ def integrable() -> Prior:
 
 
 def smooth_reflectance(n_band: int) -> Prior:
-    """Let second differences of log reflectances be small; with a full P a texture of one colour counts once."""
-    return Prior("reflectance", 2, 2 + n_band, _second_differences(n_band))
+    """Let second differences of log reflectances be small; with a full P a texture of one colour counts once.
+
+    Edges of many bands would pull hardest, and dark pixels, which know their own contrast badly, toward bright neighbours.
+    """
+    return Prior("reflectance", 2, 2 + n_band, _second_differences(n_band), letting_go=LETTING_GO)
 
 
 def _second_differences(n: int) -> tuple:
@@ -179,7 +192,7 @@ def multiply(matrix: list[list], z: list) -> list:
 
 
 def edge_weights(learnt: Learnt, theta: list, inverse: list, links: Links, freedom) -> list:
-    """Give the weight of Student's t for each direction, times the squared factor; 0 where there is no difference.
+    """Give the weight of each direction, times the squared factor; 0 where there is no difference. It is that of Student's t.
 
     By expectation maximisation: the square of z counts with its variance. `freedom` is that of Student's t: the smaller,
     the less an outlier counts.
@@ -196,7 +209,10 @@ def edge_weights(learnt: Learnt, theta: list, inverse: list, links: Links, freed
         dr.eval(summed)
         around = sum(Stencil(dict(key)).apply(links, value) for key, value in summed.items())
         distance = dr.square(factor) * (quadratic(learnt.precision, z) + around)
-        weight = dr.square(factor) * (freedom + prior.size) / (freedom + distance)
+        weight = (freedom + prior.size) / (
+            freedom + dr.maximum(distance, 0.0)
+        )  # rounding can make it negative
+        weight *= dr.square(factor) * math.prod([dr.clip(weight, LEAST_LEFT, 1.0)] * (prior.letting_go - 1))
         out.append(dr.select(valid, weight, 0.0))
     dr.eval(out)
     return out

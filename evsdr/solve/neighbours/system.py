@@ -154,7 +154,8 @@ def _step(system: JointSystem, links: Links, x: list, r: list, p: list, rho):
     q = _added(triangles.multiply(system.matrix, p), products)
     curvature = dr.sum(sum(a * b for a, b in zip(p, q)))
     dr.eval(q, curvature)
-    alpha = rho / dr.maximum(curvature, 1e-30)
+    # by rounding a matrix of badly known pixels can be indefinite: then the step so far stands (Steihaug 1983)
+    alpha = dr.select(curvature > 0, rho / curvature, 0.0)
     x = [a + alpha * b for a, b in zip(x, p)]
     r = [a - alpha * b for a, b in zip(r, q)]
     z = triangles.solve(system.lower, system.pivot, r)

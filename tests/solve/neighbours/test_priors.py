@@ -7,6 +7,7 @@ import pytest
 from evsdr.model.arrays import columns, owned
 from evsdr.solve.grid import make_grid
 from evsdr.solve.neighbours.priors import (
+    LEAST_LEFT,
     Learnt,
     edge_weights,
     integrable,
@@ -73,7 +74,8 @@ def test_edges_weigh_little(prior, rng):
     for direction, valid, weight in zip(prior.directions, prior.valid(links), found):
         z = [flat * sum(matrix_of(s) @ q[k] for k, s in component.items()) for component in direction]
         distance = np.einsum("ix,ij,jx->x", z, np.linalg.inv(spread), z)
-        expected = flat**2 * (FREEDOM + prior.size) / (FREEDOM + distance)
+        expected = (FREEDOM + prior.size) / (FREEDOM + distance)
+        expected *= flat**2 * np.clip(expected, LEAST_LEFT, 1) ** (prior.letting_go - 1)
         np.testing.assert_allclose(weight.numpy(), np.where(valid.numpy(), expected, 0), rtol=1e-3, atol=1e-6)
 
 

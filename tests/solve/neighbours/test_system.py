@@ -1,5 +1,7 @@
 """The joint system of all pixels against dense matrices put together by plain NumPy."""
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 from evsdr.model.arrays import owned
 from evsdr.solve import grid as g
+from evsdr.solve import triangles
 from evsdr.solve.neighbours.priors import Form, Learnt, integrable, smooth_normals, smooth_reflectance
 from evsdr.solve.neighbours.spectra import Spectra
 from evsdr.solve.neighbours.student import FREEDOM
@@ -153,3 +156,15 @@ def test_spectra_tell_the_colour_and_not_the_scale(rng):
             step = 1e-4 * np.eye(N_BAND)[j]
             numeric = (cost(theta[2:, i] + step) - cost(theta[2:, i] - step)) / 2e-4
             assert gradient[2 + j, i] == pytest.approx(0.5 * weight * numeric, rel=1e-2, abs=1e-3)
+
+
+def test_a_matrix_that_rounding_spoilt_gives_a_finite_step(system):
+    """A pixel whose own matrix is as if nothing were known, but for an error below 0."""
+    made, links, _ = system
+    entry = triangles.place(2, 2)
+    spoilt = made.matrix[entry].numpy()
+    spoilt[4] = -1e3
+    matrix = [owned(mi.Float, spoilt) if i == entry else m for i, m in enumerate(made.matrix)]
+    right = arrays(np.ones((N, MASK.sum())))
+    for value in solve(replace(made, matrix=matrix), right, links):
+        assert np.isfinite(value.numpy()).all()
