@@ -31,7 +31,6 @@ from evsdr.fitting.settings import Settings
 from evsdr.fitting.verdict import judge
 from evsdr.light.scene import RingScene
 from evsdr.light.tracing import trace_illumination
-from evsdr.metrics import angular_error_deg
 from evsdr.progress import Progress, Seconds, silent
 from evsdr.records import Recording
 from evsdr.solve.shared.rig import Told
@@ -61,7 +60,7 @@ EFFECTS = (
 )
 MOST_ROUNDS = 3  # of tracing and fitting
 KEPT = 0.5  # of the pixels that are known, at least, when what they share was inferred; guessed
-FAR_DEG = 1.0  # beyond their sigma, from which maps were too wrong to tell what pixels share; guessed
+FAR = 2.0  # limits by which better maps must turn normals, by what pixels share, to be worth another fit; guessed
 SETTLED = 0.1  # of the first round's change, below which light has settled
 
 
@@ -159,9 +158,12 @@ def decide(
 def settle_events(
     world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
 ) -> tuple[World, Fitted]:
-    """Infer what pixels share and fit again; where that turns normals far, infer it again from there."""
+    """Infer what pixels share and fit again, until better maps tell the same of it."""
     told, good = world, None
     for _ in range(MOST_ROUNDS):
+        found = find_shared(told, fitted) if good else None
+        if found and found.inferred.moved_deg < FAR * world.terms.limit_deg:
+            break
         world, changed = decide("alone", told, fitted, settings, progress)
         if not changed:
             break
@@ -170,11 +172,7 @@ def settle_events(
         if np.count_nonzero(known) < KEPT * np.count_nonzero(fitted.maps.mask):
             world = refuse(told, world)
             break
-        good = world, new
-        turned = angular_error_deg(fitted.maps.normal[known], new.maps.normal[known])
-        if np.mean(np.maximum(turned - fitted.maps.normal_sigma_deg[known], 0)) < FAR_DEG:
-            break
-        told = replace(told, found=find_shared(told, fitted))
+        good, told = (world, new), replace(told, found=find_shared(told, fitted))
         fitted = replace(new, problem=fitted.problem)
     if good is None and world.terms.thorough:
         fitted = solve(world.problem(fitted), fitted, "learn", progress)

@@ -38,6 +38,8 @@ class Inferred:
         By which mean angle the normals of these pixels turn because of each of `rig.GROUPS`.
     wanted : dict of str to float
         Of timing that was left at 0: how many standard deviations above that the events want it.
+    moved_deg : float
+        The same because of all that differs from where the search started.
     n_step : int
     normal_sigma_deg : float
         What all this leaves open of the normals, of the median pixel.
@@ -52,6 +54,7 @@ class Inferred:
     scatter: float
     turn_deg: dict
     wanted: dict
+    moved_deg: float
     n_step: int
     normal_sigma_deg: float
     log_reflectance_sigma: np.ndarray
@@ -76,7 +79,8 @@ def infer(
         Of `UNKNOWN`, or some of them: what is unknown. The rest stays as told.
     """
     posterior = _posterior(pixels, start, told, tolerance, names)
-    point = posterior.at(start.theta, posterior.basis.vectors.T @ start.rig.vector)
+    begin = posterior.basis.vectors.T @ start.rig.vector
+    point = posterior.at(start.theta, begin)
     posterior = replace(posterior, weigh=point.variance)
     damped, n_step = Damping(np.full(len(start.theta), FIRST_DAMPING)), 0
     for round_ in range(N_ROUND):
@@ -105,6 +109,7 @@ def infer(
         posterior.scatter,
         turn,
         {name: posterior.wanted(point, tolerance, name) for name in left},
+        turn_deg(point.theta, response @ (point.free - begin)),
         n_step,
         *_left_open(point.theta[:, : posterior.n_map], response, around),
     )
