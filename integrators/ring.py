@@ -18,6 +18,8 @@ Parameters in a scene file:
     D, the camera's spectral response. Default 1.
 `max_depth` (integer)
     Surface points on a light path: 1 is direct light (default), 2 one inter-reflection.
+`unit` (string)
+    Unit of the scene's lengths, um, mm, cm or m, for those who get the results. Default: not told.
 
 For inverse problems `mi.traverse` also exposes two image-space textures, empty at first. Once they are set,
 they take the place of the surface's normal and reflectance; the scene's geometry then only serves
@@ -43,6 +45,7 @@ from evsdr.integrators.values import is_of_led, is_of_scene, values_of
 
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import led_signals
+from evsdr.model.view import MILLIMETRES
 
 
 class RingIntegrator(mi.SamplingIntegrator):
@@ -52,6 +55,7 @@ class RingIntegrator(mi.SamplingIntegrator):
         super().__init__(props)
         self.constant_light = mi.Float(props.get("constant_light", 0.0))
         self.max_depth = props.get("max_depth", 1)
+        self.unit = props.get("unit", "")
         self.response = props.get_unbounded_texture("response", 1.0)
         self.normal = mi.TensorXf(dr.zeros(mi.Float, 0), (0, 0, 3))
         self.reflectance = mi.TensorXf(dr.zeros(mi.Float, 0), (0, 0, 0))
@@ -61,6 +65,8 @@ class RingIntegrator(mi.SamplingIntegrator):
         self._illumination = None  # (key, Illumination)
         if self.max_depth < 1:
             raise ValueError(f"ring: max_depth must be at least 1, got {self.max_depth}")
+        if self.unit and self.unit not in MILLIMETRES:
+            raise ValueError(f"ring: unit must be one of {', '.join(MILLIMETRES)}, got {self.unit}")
 
     # ------------------------------------------------------------------ plugin interface
 

@@ -14,12 +14,12 @@ FLOORS = (
     ("model", "metrics"),
     ("integrators", "events", "files", "jit", "frozen"),
     ("solve", "light", "shape", "rig"),
-    ("effects", "limits", "calibration", "page"),
+    ("effects", "limits", "calibration", "page", "exports"),
     ("fitting",),
     ("commands", "scenes", "door"),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring")
+DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export")
 ONLY_IN = {
     "mitsuba": ("light", "integrators", "jit"),
     "tyro": ("commands",),

@@ -1,5 +1,6 @@
 """The surface of a fit: put in the place of the object to trace light on it, and written out."""
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from evsdr.light.camera import camera_geometry
@@ -39,6 +40,13 @@ class FittedSurface:
                 move_object(self._scene, position, face)
         scale = self._depth.depth[self._depth.mask].mean() if self.camera.perspective else 1.0
         return self._scene, pixels * min(self.camera.pixel_size) * float(scale)
+
+    def told(self) -> dict:
+        """Say for the summary in what unit the surface is, and where the pixels of its depth look."""
+        return {
+            "unit": self.ring.integrator.unit or None,
+            "camera": asdict(self.camera) | {"to_world": self.to_world},
+        }
 
     def files(self, depth: Depth, maps: Maps) -> dict:
         """Give what writes the surface's files."""

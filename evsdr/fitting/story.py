@@ -119,7 +119,7 @@ def fit_recording(
     geometry.check_normals(world, fitted.maps)
     verdict = judge(world, fitted, stopped)
     said = {"verdict": str(verdict), "stopped": stopped, "misfit": solve.misfit(fitted)}
-    summary = report.summarise(world, settings, fitted, notes) | said
+    summary = report.summarise(world, settings, fitted, notes) | world.surface.told() | said
     return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface, depth, signals)
 
 

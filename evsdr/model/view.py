@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+MILLIMETRES = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}  # in a unit that a scene may state
+
 
 @dataclass(frozen=True)
 class CameraGeometry:

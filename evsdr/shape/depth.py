@@ -30,6 +30,8 @@ from evsdr.shape.laplacian import solve
 
 SETTLED = 0.005  # mean change [pixels] from which depth has settled
 
+COMMENTS = "Z: distance from the camera's plane along its axis [scene units]; 0: not known"
+
 
 @dataclass(frozen=True)
 class Depth:
@@ -113,7 +115,7 @@ def integrate_normals(
 
 
 def write_depth(path: str | Path, depth: Depth) -> None:
-    """Write depth as a float EXR with the channel `Z`, 0 outside the mask.
+    """Write depth as a float EXR with the channel `Z`, 0 outside the mask, which its `comments` say.
 
     Raises
     ------
@@ -121,7 +123,7 @@ def write_depth(path: str | Path, depth: Depth) -> None:
         The file can't be written.
     """
     with atomic_path(path) as temporary:
-        write_exr(temporary, {"Z": depth.depth})
+        write_exr(temporary, {"Z": depth.depth}, comments=COMMENTS)
 
 
 def _check(normal, mask, camera, sigma_deg, anchor, n_reweight) -> None:

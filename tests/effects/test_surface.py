@@ -13,7 +13,7 @@ from evsdr.light.tracing import trace_illumination
 from evsdr.shape.traced import traced_mesh
 from tests.conftest import REPOSITORY
 from tests.support.depths import make_depth
-from tests.support.small_scene import camera, scene
+from tests.support.small_scene import RING, camera, scene
 from tests.support.worlds import load
 
 
@@ -36,6 +36,15 @@ def test_mesh_of_the_true_depth_is_the_object(tmp_path, kind):
     scenes.move_object(other, further, face)
     seen = inner if kind == "orthographic" else object_depth(other) > 0
     assert object_depth(other)[seen].min() == pytest.approx(depth[inner].min() + 1, abs=0.01)
+
+
+def test_unit_and_camera_are_told(tmp_path):
+    ring = load(tmp_path, scene(integrator=RING.replace('ring">', 'ring"><string name="unit" value="cm"/>')))
+    told, (geometry, to_world) = FittedSurface(ring).told(), camera_geometry(ring.sensor)
+    assert told["unit"] == "cm"
+    assert told["camera"]["pixel_size"] == geometry.pixel_size and not told["camera"]["perspective"]
+    np.testing.assert_array_equal(told["camera"]["to_world"], to_world)
+    assert FittedSurface(load(tmp_path, scene())).told()["unit"] is None
 
 
 def test_every_pixel_lies_on_its_mesh_whole(tmp_path):

@@ -201,6 +201,12 @@ def test_loads_by_name_from_xml():
     np.testing.assert_allclose(signal, np.broadcast_to([70.25, 140.25], (3, 4, 2)), rtol=1e-5)
 
 
+def test_unit_is_one_of_length():
+    assert (ring().unit, ring(unit="mm").unit) == ("", "mm")
+    with pytest.raises(RuntimeError, match="unit must be one of um, mm, cm, m, got inch"):
+        ring(unit="inch")
+
+
 def test_bad_max_depth_is_a_sentence():
     with pytest.raises(RuntimeError, match="max_depth must be at least 1, got 0"):
         ring(max_depth=0)

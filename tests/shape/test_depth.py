@@ -297,6 +297,8 @@ def test_depth_exr(tmp_path):
     with OpenEXR.File(str(tmp_path / "depth.exr"), separate_channels=True) as file:
         assert list(file.channels()) == ["Z"]
         np.testing.assert_array_equal(file.channels()["Z"].pixels, result.depth.astype(np.float32))
+        assert file.channels()["Z"].pixels[0, 0] == 0  # no NaN: 0 is what is not known, and the file says so
+        assert file.header()["comments"].endswith("[scene units]; 0: not known")
     assert [file.name for file in tmp_path.iterdir()] == ["depth.exr"]
     with pytest.raises(InputError, match="cannot be written"):
         write_depth(tmp_path / "missing" / "depth.exr", result)

@@ -1,0 +1,1 @@
+"""Hand results on to other programs: one module per kind of file."""
