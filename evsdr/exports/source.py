@@ -103,6 +103,8 @@ def library(name: str) -> ModuleType:
 def _camera(told: dict) -> CameraGeometry:
     width, height = map(float, told["pixel_size"])
     column, row = map(float, told["center"])
+    if not np.isfinite([width, height, column, row]).all():
+        raise ValueError("a camera of no size")
     return CameraGeometry(bool(told["perspective"]), (width, height), (column, row))
 
 

@@ -53,7 +53,10 @@ def test_without_a_unit_lengths_stay(results, fit, tmp_path):
     assert source.unit == "scene" and source.pixel_mm is None
 
 
-@pytest.mark.parametrize("camera", [None, {}, {"pixel_size": [1]}, 3])
+NOWHERE = {"perspective": False, "pixel_size": [float("nan"), 1], "center": [0, 0]}
+
+
+@pytest.mark.parametrize("camera", [None, {}, {"pixel_size": [1]}, NOWHERE, 3])
 def test_results_of_an_older_evsdr_are_refused(results, tmp_path, camera):
     with pytest.raises(InputError, match="no surface with its camera"):
         read_source(changed(results, tmp_path / "fit", camera=camera))
