@@ -45,7 +45,7 @@ class FittedSurface:
         """Say for the summary in what unit the surface is, and where the pixels of its depth look."""
         return {
             "unit": self.ring.integrator.unit or None,
-            "camera": asdict(self.camera) | {"to_world": self.to_world},
+            "camera": asdict(self.camera) | {"to_world": self.to_world.tolist()},
         }
 
     def files(self, depth: Depth, maps: Maps) -> dict:

@@ -1,5 +1,6 @@
 """The surface of a fit in the place of the object."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -41,7 +42,7 @@ def test_mesh_of_the_true_depth_is_the_object(tmp_path, kind):
 def test_unit_and_camera_are_told(tmp_path):
     ring = load(tmp_path, scene(integrator=RING.replace('ring">', 'ring"><string name="unit" value="cm"/>')))
     told, (geometry, to_world) = FittedSurface(ring).told(), camera_geometry(ring.sensor)
-    assert told["unit"] == "cm"
+    assert told["unit"] == "cm" and json.dumps(told)
     assert told["camera"]["pixel_size"] == geometry.pixel_size and not told["camera"]["perspective"]
     np.testing.assert_array_equal(told["camera"]["to_world"], to_world)
     assert FittedSurface(load(tmp_path, scene())).told()["unit"] is None
