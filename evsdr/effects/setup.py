@@ -36,10 +36,8 @@ if TYPE_CHECKING:
 FEWEST = 20  # pixels that can convict
 # Pixels that tell shadows, which few have, and the cost of an event pair that tells them; measured: 0.002 to 0.1
 N_SHADED, SHADED = 400, 5e-4
-N_RUN_OFF, N_TIED = (
-    3,
-    6,
-)  # hypotheses that are tried once more, each by itself, and at most if they explain as much
+# Hypotheses that are tried once more, each by itself, and at most if they explain as much
+N_RUN_OFF, N_TIED = 3, 6
 # Of log likelihood of an event pair: what convicts, measured (right hypotheses gain 0.4 and more, wrong ones that explain
 # the events 0.12 at most), and what means nothing
 GAIN, SLIP = 0.25, 0.02
@@ -275,20 +273,48 @@ def numbers(world: "World", doubts: Doubts) -> Iterator[Hypothesis]:
     yield from veils(world)
 
 
-class SetUp:
-    """What is told wrong of the whole set-up; the fit takes it for true only if asked to."""
+class GrossError:
+    """What `find_error` finds: `SetUp` and `Wiring` tell the two kinds of it apart.
 
-    name, option, when = "set-up", "repair", "anew"
+    Attributes
+    ----------
+    leds : bool
+        Whether it is of LEDs.
+    nothing : str
+        Why things are as told, if it is not found.
+    """
 
-    def decide(self, asked: bool, world: "World", fitted: "Fitted") -> Decision:
+    name: str
+    leds: bool
+    nothing: str
+    when = "anew"
+
+    def decide(self, asked, world: "World", fitted: "Fitted") -> Decision:
         """Take what explains most, if it leaves no doubt."""
         if world.terms.solver != "lm":
-            return Decision(self.name, False, "not looked at by the solver adam")
+            return Decision(self.name, False, "not looked for by the solver adam")
         found = find_error(world, fitted)
-        if found is None or found.hypothesis.leds:
-            return Decision(
-                self.name, False, "as told: nothing contradicts it that another one would explain"
-            )
+        if found is None or bool(found.hypothesis.leds) != self.leds:
+            return Decision(self.name, False, f"as told: {self.nothing}")
+        return self.found(asked, found)
+
+    def found(self, asked, found: Finding) -> Decision:
+        """Decide on what was found."""
+        raise NotImplementedError
+
+    def model(self, world: "World", decision: Decision) -> "World":
+        """Take it for true."""
+        return decision.answer.hypothesis.mend(world)
+
+
+class SetUp(GrossError):
+    """What is told wrong of the whole set-up; the fit takes it for true only if asked to."""
+
+    name, option, leds = "set-up", "repair", False
+    nothing = "nothing contradicts it that another one would explain"
+
+    def found(self, asked: bool, found: Finding) -> Decision:
+        """Believe it if asked to."""
         why, remedy = str(found), found.hypothesis.remedy
         more = {"error": found.hypothesis.what, "evidence": found.evidence, "remedy": remedy}
         if not asked:
@@ -296,28 +322,16 @@ class SetUp:
         warning = f"{why}; the fit took that for true: {remedy}."
         return Decision(self.name, True, f"repaired: {why}", None, more, found, warning)
 
-    def model(self, world: "World", decision: Decision) -> "World":
-        """Believe it."""
-        return decision.answer.hypothesis.mend(world)
 
-
-class Wiring:
+class Wiring(GrossError):
     """LEDs that do not shine as told; the fit takes that for true."""
 
-    name, option, when = "wiring", "", "anew"
+    name, option, leds = "wiring", "", True
+    nothing = "the events contradict no LED"
 
-    def decide(self, asked: str, world: "World", fitted: "Fitted") -> Decision:
-        """Take what explains most, if it speaks of LEDs."""
-        if world.terms.solver != "lm":
-            return Decision(self.name, False, "not looked for by the solver adam")
-        found = find_error(world, fitted)
-        if found is None or not found.hypothesis.leds:
-            return Decision(self.name, False, "as told: the events contradict no LED")
+    def found(self, asked: str, found: Finding) -> Decision:
+        """Believe it."""
         fault = found.hypothesis
         warning = f"{fault.what}, say the events, and the fit took that for true; {fault.remedy}."
         leds = {"leds": list(fault.leds)}
         return Decision(self.name, True, f"{fault.what}, say the events", None, leds, found, warning)
-
-    def model(self, world: "World", decision: Decision) -> "World":
-        """Take the LEDs to have shone in the order that the events tell."""
-        return decision.answer.hypothesis.mend(world)

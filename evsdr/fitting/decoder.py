@@ -24,15 +24,14 @@ from evsdr.solve.unknowns import first_theta, to_theta
 
 DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
 PUBLISHED_ROBUST = 3.0  # the same of the published decoder; measured: at 1 it loses all contrast
-MOST_SIGNALS, MOST_LEDS = (
-    4_000_000,
-    64,
-)  # of which signals are measured: more take long and no page holds them
+# Of which signals are measured: more take long and no page holds them
+MOST_SIGNALS, MOST_LEDS = 4_000_000, 64
 # Recipes by what a solve is for
 RECIPES = {
     "whole": recipes.whole,
     "rough": recipes.rough,  # before events are put right
     "learn": recipes.refine,  # go on from there
+    "sketch": recipes.sketch,  # events have changed a little, and may again
     "again": recipes.after_events,  # events have changed a little
     "light": recipes.after_light,  # light has changed
     "model": recipes.after_model,  # the surface's model has changed

@@ -158,7 +158,7 @@ def decide(
 def settle_events(
     world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
 ) -> tuple[World, Fitted]:
-    """Infer what pixels share and fit again, until better maps tell the same of it."""
+    """Infer what pixels share: from rough maps, from a sketch under what these tell, and until better maps tell the same."""
     told, good = world, None
     for _ in range(MOST_ROUNDS):
         found = find_shared(told, fitted) if good else None
@@ -167,12 +167,14 @@ def settle_events(
         world, changed = decide("alone", told, fitted, settings, progress)
         if not changed:
             break
-        new = solve(world.problem(fitted), fitted, "again", progress)
+        sketched = told.found is not None
+        new = solve(world.problem(fitted), fitted, "again" if sketched else "sketch", progress)
         known = fitted.maps.mask & new.maps.mask
         if np.count_nonzero(known) < KEPT * np.count_nonzero(fitted.maps.mask):
             world = refuse(told, world)
             break
-        good, told = (world, new), replace(told, found=find_shared(told, fitted))
+        good = (world, new) if sketched else None
+        told = replace(told, found=find_shared(told, fitted))
         fitted = replace(new, problem=fitted.problem)
     if good is None and world.terms.thorough:
         fitted = solve(world.problem(fitted), fitted, "learn", progress)

@@ -12,10 +12,8 @@ from evsdr.shape.laplacian import ends
 from evsdr.shape.mesh import SurfaceMesh, make_mesh, write_mesh
 from evsdr.shape.patches import vertex_depth
 
-OFF_CENTRE = (
-    0.01,
-    0.02,
-)  # rows and columns of a vertex off its pixel's centre: a ray through it may slip through
+# Rows and columns of a vertex off its pixel's centre: a ray through it may slip through
+OFF_CENTRE = 0.01, 0.02
 RIM = (0, 3, 6, 7, 8, 5, 2, 1)  # of a pixel's nine vertices, row after row; anticlockwise
 
 

@@ -91,6 +91,11 @@ def after_events(effort: Effort) -> tuple[Stage, ...]:
     return (Descend(MOST, effort.tolerance), spread(effort), *refine(effort))
 
 
+def sketch(effort: Effort) -> tuple[Stage, ...]:
+    """Go on after the events have changed a little, on early ones only."""
+    return Descend(MOST, effort.tolerance), spread(effort), *soft_horizon(effort, 3), *know(effort)
+
+
 def spread(effort: Effort) -> Stage:
     """Find how unknown thresholds are distributed."""
     return ThresholdSpread(effort.tuning.n_spread, 3, effort.tolerance, last_terms(effort))

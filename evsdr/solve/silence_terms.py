@@ -19,9 +19,8 @@ from evsdr.solve import law
 from evsdr.solve.light import Light
 from evsdr.solve.pair_data import PairData, array_type, looked_up
 
-JITTER = (
-    1.0  # of log I at an event, relative to the noise of its threshold; guessed: 0.1 to 1 make no difference
-)
+# Of log I at an event, relative to the noise of its threshold; guessed: 0.1 to 1 make no difference
+JITTER = 1.0
 
 
 def silence_equations(table, pairs: PairData, constant_light, n_band: int, scale, thresholds: bool = False):

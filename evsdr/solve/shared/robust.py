@@ -10,10 +10,8 @@ and Miller 2011, without the term of their intersection; where the model is true
 
 import numpy as np
 
-N_WAIT, N_PART = (
-    5,
-    4,
-)  # kinds by the time since the event before, and by the part of a slot; measured by experiments.sigma
+# Kinds by the time since the event before, and by the part of a slot; measured by experiments.sigma
+N_WAIT, N_PART = 5, 4
 
 
 def kinds(events: tuple) -> np.ndarray:
