@@ -91,6 +91,8 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
     names = [name for group in world.terms.shared for name in GROUPS[group] if name != "dark"]
     if not is_far(pixels.light):
         names = [name for name in names if name != "directions"]
+    if "tau" not in names:
+        names = [name for name in names if name not in WITH_LAG]
     rig = _told(world, pixels)
     start = _start(world, fitted, rig, row)
     found = infer(pixels, start, rig, told, tuple(names))

@@ -64,10 +64,10 @@ def whole(effort: Effort) -> tuple[Stage, ...]:
 
 
 def rough(effort: Effort) -> tuple[Stage, ...]:
-    """Start from nothing; go as far as is needed to see what all pixels share: each alone, on its early events."""
+    """Start from nothing; go as far as is needed to see what is told wrong and what all pixels share: each alone."""
     effort = replace(effort, priors=None)
     search = Descend(MOST, effort.tolerance, effort.tuning.softness, FIRST_NOISE)
-    return (search, *descend_and_start(effort), *soft_horizon(effort, MOST), *know(effort))
+    return (search, *descend_and_start(effort), *hear_all(effort), *know(effort))
 
 
 def after_light(effort: Effort) -> tuple[Stage, ...]:
@@ -103,9 +103,13 @@ def spread(effort: Effort) -> Stage:
 
 def refine(effort: Effort) -> tuple[Stage, ...]:
     """Use all that the events say, then let neighbours speak."""
-    terms, tolerance = last_terms(effort), effort.tolerance
-    descend = Descend(MOST, tolerance, terms=terms, name="refinement")
-    return (AllPairs(), descend, *soft_horizon(effort, MOST), respread(effort), *know(effort))
+    return (*hear_all(effort), respread(effort), *know(effort))
+
+
+def hear_all(effort: Effort) -> tuple[Stage, ...]:
+    """Descend on all events, also where the horizon follows the surface."""
+    descend = Descend(MOST, effort.tolerance, terms=last_terms(effort), name="refinement")
+    return (AllPairs(), descend, *soft_horizon(effort, MOST))
 
 
 def respread(effort: Effort) -> Stage:

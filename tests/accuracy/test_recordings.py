@@ -51,7 +51,11 @@ def test_dark_slots(commands):
 
 def test_hard_switching(commands):
     _, summary = recover(commands, scene(), "--crossfade", 0)
-    assert summary["mae_deg"] < 25  # what changes while a pixel rests is lost
+    assert summary["mae_deg"] < 35  # what changes while a pixel rests is lost
+    assert (
+        summary["verdict"].startswith("doubtful: ")
+        and "told as 0.253 but the events say" in summary["verdict"]
+    )
 
 
 def test_photoreceptors_that_lag_tell_what_hard_switches_hide(commands):

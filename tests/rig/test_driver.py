@@ -257,6 +257,12 @@ def test_command_tells_of_a_run_that_broke_off(tmp_path, capsys):
     assert json.loads(path.read_text())["ended"] == "reset"
 
 
+def heard(*signals):
+    """Hear signals again that a shell's background jobs, or nohup, ignore."""
+    for each in signals:
+        signal.signal(each, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_stop_ends_dark_and_writes_the_log(tmp_path, name):
     path = tmp_path / "ring.json"
@@ -267,9 +273,7 @@ def test_a_stop_ends_dark_and_writes_the_log(tmp_path, name):
             cwd=REPOSITORY,
             stderr=subprocess.PIPE,
             text=True,
-            preexec_fn=lambda: signal.signal(
-                signal.SIGINT, signal.SIG_DFL
-            ),  # a shell's background jobs ignore it
+            preexec_fn=lambda: heard(signal.SIGINT, signal.SIGHUP),
         ) as host:
             wait_for(lambda: fake.rounds)
             host.send_signal(getattr(signal, name))
