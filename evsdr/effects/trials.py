@@ -10,10 +10,10 @@ import numpy as np
 from evsdr.effects.hypotheses import Hypothesis
 from evsdr.errors import InputError
 from evsdr.events.pairs import pair_events
-from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
 from evsdr.solve import trial
-from evsdr.solve.pair_data import PairData, bounds, pack_phases, pack_slots
+from evsdr.solve.pair_data import PairData
+from evsdr.solve.problem import lay_out
 from evsdr.solve.unknowns import to_normal
 
 if TYPE_CHECKING:
@@ -145,18 +145,4 @@ def _case(world: "World", problem) -> tuple[PairData, np.ndarray] | None:
             pairs = pair_events(recording, mask)
     except InputError:
         return None
-    Float, UInt32 = type(problem.pairs.phases), type(problem.pairs.first)
-
-    def threshold(value):
-        return owned(Float, np.broadcast_to(np.asarray(value, np.float32), mask.shape)[mask])
-
-    first, last = bounds(np.append(0, np.cumsum(np.diff(pairs.offset)[place])), UInt32)
-    data = PairData(
-        first=first,
-        last=last,
-        phases=owned(Float, pack_phases(pairs.phase_start, pairs.phase_end, pairs.polarity)),
-        threshold_on=threshold(sensor.contrast_threshold_on),
-        threshold_off=threshold(sensor.contrast_threshold_off),
-        slot_leds=owned(UInt32, pack_slots(recording.schedule.order, light.n_led)),
-    )
-    return data, place
+    return lay_out(recording, pairs, mask, light), place

@@ -59,6 +59,7 @@ EFFECTS = (
     GlossyLobes(),
 )
 MOST_ROUNDS = 3  # of tracing and fitting
+ROUNDS = "sketch", "again", "again"  # of fits, each under what the maps before tell that pixels share
 KEPT = 0.5  # of the pixels that are known, at least, when what they share was inferred; guessed
 FAR = 2.0  # limits by which better maps must turn normals, by what pixels share, to be worth another fit; guessed
 SETTLED = 0.1  # of the first round's change, below which light has settled
@@ -160,20 +161,19 @@ def settle_events(
 ) -> tuple[World, Fitted]:
     """Infer what pixels share: from rough maps, from a sketch under what these tell, and until better maps tell the same."""
     told, good = world, None
-    for _ in range(MOST_ROUNDS):
+    for purpose in ROUNDS:
         found = find_shared(told, fitted) if good else None
         if found and found.inferred.moved_deg < FAR * world.terms.limit_deg:
             break
         world, changed = decide("alone", told, fitted, settings, progress)
         if not changed:
             break
-        sketched = told.found is not None
-        new = solve(world.problem(fitted), fitted, "again" if sketched else "sketch", progress)
+        new = solve(world.problem(fitted), fitted, purpose, progress)
         known = fitted.maps.mask & new.maps.mask
         if np.count_nonzero(known) < KEPT * np.count_nonzero(fitted.maps.mask):
             world = refuse(told, world)
             break
-        good = (world, new) if sketched else None
+        good = (world, new) if purpose == "again" else None
         told = replace(told, found=find_shared(told, fitted))
         fitted = replace(new, problem=fitted.problem)
     if good is None and world.terms.thorough:

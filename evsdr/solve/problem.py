@@ -87,35 +87,8 @@ def make_problem(
     hot : (height, width) bool, optional
         Pixels whose events and silences count for nothing.
     """
-    Float = type(light.constant_light)
-    UInt32 = dr.uint32_array_t(Float)
-    pixel = np.flatnonzero(mask)
-    first, last = (owned(UInt32, side[pixel]) for side in (pairs.offset[:-1], pairs.offset[1:]))
-    silent_first, silent_last = (
-        owned(UInt32, side[pixel]) for side in (pairs.silent_offset[:-1], pairs.silent_offset[1:])
-    )
-
-    def threshold(value):
-        return owned(Float, np.broadcast_to(np.asarray(value, np.float32), mask.shape).ravel()[pixel])
-
-    sensor = recording.sensor
-    silent = pairs.silent_start, pairs.silent_end, pairs.silent_polarity
-    probes = np.stack([pairs.probe_offset[:-1], pairs.probe_offset[1:]], axis=-1)
-    data = PairData(
-        first=first,
-        last=last,
-        phases=owned(Float, pack_phases(pairs.phase_start, pairs.phase_end, pairs.polarity)),
-        threshold_on=threshold(sensor.contrast_threshold_on),
-        threshold_off=threshold(sensor.contrast_threshold_off),
-        slot_leds=owned(UInt32, pack_slots(recording.schedule.order, light.n_led)),
-        silent_first=silent_first,
-        silent_last=silent_last,
-        silent_phases=owned(Float, pack_phases(*silent)),
-        silent_probes=owned(UInt32, probes.ravel()),
-        silent_bias=owned(Float, pairs.silent_bias),
-        probes=owned(Float, pairs.silent_probe),
-        bias=owned(Float, pairs.bias),
-    )
+    data, pixel = lay_out(recording, pairs, mask, light), np.flatnonzero(mask)
+    UInt32 = type(data.first)
     return Problem(
         pixel=pixel,
         fired=np.diff(pairs.offset)[pixel] > 0,
@@ -123,6 +96,37 @@ def make_problem(
         illumination=_of_pixels(light, owned(UInt32, pixel)),
         grid=make_grid(mask, UInt32),
         told=pairs,
+    )
+
+
+def lay_out(recording: Recording, pairs: Pairs, mask: np.ndarray, light: Illumination) -> PairData:
+    """Lay out what the events of the masked pixels tell; arguments as of `make_problem`."""
+    Float = type(light.constant_light)
+    UInt32, pixel = dr.uint32_array_t(Float), np.flatnonzero(mask)
+
+    def of_pixels(values):
+        return np.broadcast_to(values, mask.size)[pixel]
+
+    on, off = (
+        np.ravel(np.asarray(value, np.float32))
+        for value in (recording.sensor.contrast_threshold_on, recording.sensor.contrast_threshold_off)
+    )
+    probes = np.stack([pairs.probe_offset[:-1], pairs.probe_offset[1:]], axis=-1)
+    silent = pairs.silent_start, pairs.silent_end, pairs.silent_polarity
+    return PairData(
+        first=owned(UInt32, of_pixels(pairs.offset[:-1])),
+        last=owned(UInt32, of_pixels(pairs.offset[1:])),
+        phases=owned(Float, pack_phases(pairs.phase_start, pairs.phase_end, pairs.polarity)),
+        threshold_on=owned(Float, of_pixels(on)),
+        threshold_off=owned(Float, of_pixels(off)),
+        slot_leds=owned(UInt32, pack_slots(recording.schedule.order, light.n_led)),
+        silent_first=owned(UInt32, of_pixels(pairs.silent_offset[:-1])),
+        silent_last=owned(UInt32, of_pixels(pairs.silent_offset[1:])),
+        silent_phases=owned(Float, pack_phases(*silent)),
+        silent_probes=owned(UInt32, probes.ravel()),
+        silent_bias=owned(Float, pairs.silent_bias),
+        probes=owned(Float, pairs.silent_probe),
+        bias=owned(Float, pairs.bias),
     )
 
 

@@ -8,8 +8,8 @@
 - spectra: colours lie near few directions, see `spectra`.
 
 Gauss-Newton steps on all pixels together find the largest posterior, first without edges; each is solved by conjugate
-gradients, preconditioned pixel by pixel. Between steps, expectation maximisation learns the scales (`student`). Random draws from the
-posterior around its maximum give the standard deviations (Papandreou and Yuille 2010, Gaussian sampling by local
+gradients, preconditioned pixel by pixel. Between steps, expectation maximisation learns the scales (`student`). Random draws
+from the posterior around its maximum give the standard deviations (Papandreou and Yuille 2010, Gaussian sampling by local
 perturbations).
 """
 
@@ -289,10 +289,8 @@ def differences(prior: Prior, theta: list, inverse: list, links: Links, sample: 
     """Give differences (n, d) at some pixels, and their covariances (n, d, d) if pixels are independent."""
     index = owned(type(links.index["left"]), sample)
     (values, factor, covariance), valid = _differences(prior, theta, inverse, links, index)
-    factor, covariance = (
-        _numpy(factor).astype(float),
-        np.array([[_numpy(c) for c in row] for row in covariance], float),
-    )
+    factor = _numpy(factor).astype(float)
+    covariance = np.array([[_numpy(c) for c in row] for row in covariance], float)
     z, noise = [], []
     for components, products, there in zip(values, prior.products(), valid):
         some = there.numpy()

@@ -217,10 +217,8 @@ def _run(
     for q in range(len(STIRRED)):
         moved_by[q] = values[q + 1, STIRRED[q]] - values[0, STIRRED[q]]
     sets = np.append(np.flatnonzero(moved_by[:NOISE]) + 1, 0)  # another tau, another dark current, as told
-    pole, others = (
-        values[0, POLE],
-        np.flatnonzero(moved_by[NOISE:]) + NOISE + 1,
-    )  # another noise, another pole
+    pole = values[0, POLE]
+    others = np.flatnonzero(moved_by[NOISE:]) + NOISE + 1  # another noise, another pole
     row, light = np.zeros(n_all), np.zeros(n_slot)
     nodes, shown = np.zeros((3, n_slot, MOST_NODES + 2)), np.zeros((3, n_slot))
     met, reference, rarity, noise = np.zeros(5), np.zeros(5), np.zeros(5), np.zeros((5, 2))

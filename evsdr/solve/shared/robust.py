@@ -10,7 +10,7 @@ and Miller 2011, without the term of their intersection; where the model is true
 
 import numpy as np
 
-# Kinds by the time since the event before, and by the part of a slot; measured by experiments.sigma
+# Kinds by the time since the event before, and by the part of a slot; guessed
 N_WAIT, N_PART = 5, 4
 
 
