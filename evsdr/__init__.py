@@ -21,6 +21,7 @@ _HOME = {
     "InputWarning": "errors",
     "read_recording": "files.events_h5",
     "write_recording": "files.events_h5",
+    "read_camera_file": "rig.reader",
     "read_results": "files.maps",
     "load_scene": "fitting.entrance",
     "EventPixel": "events.pixel",

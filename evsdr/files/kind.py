@@ -3,16 +3,19 @@
 from pathlib import Path
 
 HDF5, RAW, XML = "HDF5, as a recording is", "a camera's RAW file", "XML, as a scene is"
+XZ, AEDAT = "a xz file, as EventPS publishes recordings", "AEDAT4 of a camera"
 STARTS = (
     (b"\x89HDF\r\n", HDF5),
     (b"PK\x03\x04", "an archive, as truth.npz and maps.npz are"),
     (b"\x93NUMPY", "an array of NumPy"),
     (b"\x89PNG", "an image"),
     (b"% ", RAW),
+    (b"\xfd7zXZ\x00", XZ),
+    (b"#!AER-DAT4", AEDAT),
     (b"<", XML),
     (b"{", "JSON, as ring.json is"),
 )
-REMEDY = {RAW: "join it with the ring's log by python -m evsdr.convert"}
+REMEDY = dict.fromkeys((RAW, XZ, AEDAT), "join it with the ring's log by python -m evsdr.convert")
 
 
 def kind_of(path: Path) -> str | None:

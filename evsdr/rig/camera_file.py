@@ -38,6 +38,11 @@ class Edges:
         return len(self.t)
 
 
+def no_edges() -> Edges:
+    """Give the edges of a recording that has none."""
+    return Edges(*(np.empty(0, kind) for kind in EDGE_FIELDS.values()))
+
+
 @dataclass(frozen=True)
 class CameraRecording:
     """A camera's file.

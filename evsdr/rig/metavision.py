@@ -21,6 +21,7 @@ from evsdr.rig.camera_file import (
     CameraRecording,
     Edges,
     check_recording,
+    no_edges,
     read_size,
 )
 
@@ -49,7 +50,7 @@ def read_hdf5(path: str | Path, size: tuple[int, int] | None = None) -> CameraRe
     with open_hdf5(path, "a camera's HDF5 file") as file:
         geometry = _geometry(file)
         events = Events(*_read_fields(file, "CD/events", EVENT_FIELDS))
-        edges = Edges(*(np.empty(0, kind) for kind in EDGE_FIELDS.values()))
+        edges = no_edges()
         if member(file, "EXT_TRIGGER/events") is not None:
             edges = Edges(*_read_fields(file, "EXT_TRIGGER/events", EDGE_FIELDS))
     width, height = size or read_size(path, geometry, "attributes do", 65536)

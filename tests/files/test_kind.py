@@ -20,7 +20,7 @@ from tests.support.small_scene import scene
 @pytest.fixture
 def folder(tmp_path):
     """One file of each kind, all of one name."""
-    for name in ("h5", "npz", "npy", "raw", "xml", "json", "other", "empty"):
+    for name in ("h5", "npz", "npy", "raw", "xz", "xml", "json", "other", "empty"):
         (tmp_path / name).mkdir()
     write_recording(tmp_path / "h5" / "a", small_recording())
     with open(tmp_path / "npz" / "a", "wb") as file:
@@ -28,6 +28,7 @@ def folder(tmp_path):
     with open(tmp_path / "npy" / "a", "wb") as file:
         np.save(file, np.arange(2))
     (tmp_path / "raw" / "a").write_bytes(b"% evt 3.0\n% end\n\x00\x80")
+    (tmp_path / "xz" / "a").write_bytes(b"\xfd7zXZ\x00\x00")
     (tmp_path / "xml" / "a").write_text("\ufeff\n" + scene(), encoding="utf-8")
     (tmp_path / "json" / "a").write_text('{"a": 1}')
     (tmp_path / "other" / "a").write_bytes(b"hello")
@@ -37,6 +38,7 @@ def folder(tmp_path):
 
 KINDS = {
     "h5": "HDF5, as a recording is",
+    "xz": "a xz file, as EventPS publishes recordings",
     "npz": "an archive, as truth.npz and maps.npz are",
     "npy": "an array of NumPy",
     "raw": "a camera's RAW file",

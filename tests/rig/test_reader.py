@@ -1,11 +1,14 @@
 """A camera's file is told by its content, not by its name."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from evsdr.errors import InputError
 from evsdr.rig.reader import read_camera_file
 from tests.support.camera_files import assert_same, encode_raw, random_recording, write_metavision
+from tests.support.foreign_files import write_aedat, write_dsec, write_eventps
 
 
 @pytest.fixture
@@ -18,6 +21,19 @@ def test_both_kinds_are_read_whatever_their_name(tmp_path, camera):
     write_metavision(tmp_path / "two.raw", camera, 1)
     for name in ("one.hdf5", "two.raw"):
         assert_same(read_camera_file(tmp_path / name), camera)
+
+
+def test_others_recordings_and_triggers_beside_them(tmp_path, camera):
+    camera = replace(camera, edges=replace(camera.edges, id=0 * camera.edges.id))
+    edges = replace(camera.edges, p=0 * camera.edges.p + 1)
+    (tmp_path / "triggers").write_text("\n".join(map(str, edges.t)))
+    path = tmp_path / "events.raw"
+    for write in (write_eventps, lambda *it: write_dsec(*it, 5000), write_aedat):
+        if write is write_aedat:
+            pytest.importorskip("aedat")
+        write(path, camera)
+        read = read_camera_file(path, (camera.width, camera.height), tmp_path / "triggers")
+        assert_same(read, replace(camera, edges=edges))
 
 
 def test_a_size_by_hand_wins(tmp_path, camera):
