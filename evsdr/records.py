@@ -66,12 +66,18 @@ class Schedule:
         Fraction of a slot's end over which LED order[k] fades linearly into order[k+1], 0..1.
     start_us : float
         Start of the first round [us] where no trigger says so.
+    trim : (n_led,) float32, optional
+        Brightness of each LED relative to what the scene says, 0..1; 1 where it is None.
+    constant_light_on : bool, optional
+        Whether the constant light was on; None where nobody tells.
     """
 
     order: np.ndarray
     slot_us: float
     crossfade: float
     start_us: float = 0.0
+    trim: np.ndarray | None = None
+    constant_light_on: bool | None = None
 
 
 @dataclass(frozen=True)

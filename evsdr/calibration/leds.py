@@ -9,7 +9,13 @@ import numpy as np
 from evsdr.calibration import ball as balls
 from evsdr.calibration import draw
 from evsdr.calibration.mirror import find_highlights, led_contrast
-from evsdr.calibration.ring_recording import count_events, fit_result, nominal_light, read_ring_events
+from evsdr.calibration.ring_recording import (
+    count_events,
+    fit_result,
+    nominal_light,
+    read_ring_events,
+    trim_of,
+)
 from evsdr.calibration.scene_text import find_leds, flatten, include_text, place_led, scale_led
 from evsdr.calibration.watched import MOST_EVENTS, watch
 from evsdr.errors import InputError, check_range
@@ -128,7 +134,8 @@ def directions(
         for j, entry in enumerate(result["leds"]):
             entry["position"] = view.point_to_world(position[j]).tolist()
             entry["position_sigma"] = float(found.position_sigma[j])
-    return result | (_strength(found) if ball.surface == "matt" else {})
+    trim = trim_of(recording, len(nominal))
+    return result | (_strength(found, trim) if ball.surface == "matt" else {})
 
 
 def _moved(led, view: View, ball: Ball, outline, found, position, j: int):
@@ -142,15 +149,15 @@ def _moved(led, view: View, ball: Ball, outline, found, position, j: int):
     return place_led(led, found.direction[j] @ view.frame, view.point_to_world(position[j]))
 
 
-def _strength(found: balls.BallLights) -> dict:
-    """Give what calibration.json holds of a matt ball's outline and of the LEDs' strength."""
+def _strength(found: balls.BallLights, trim: np.ndarray) -> dict:
+    """Give what calibration.json holds of a matt ball's outline and of the LEDs' strength, without their trim."""
     light = {"value": found.constant_light, "sigma": found.constant_light_sigma}
     return {
         "ball_outline_sigma_pixels": found.outline_sigma.tolist(),
         "strength": {
-            "meaning": "power times reflectance of the ball, mean 1",
-            "value": found.strength.tolist(),
-            "sigma": found.strength_sigma.tolist(),
+            "meaning": "power times reflectance of the ball, mean 1 as it was lit",
+            "value": (found.strength / trim).tolist(),
+            "sigma": (found.strength_sigma / trim).tolist(),
         },
         "constant_light_in_that_unit": light,
     }

@@ -17,6 +17,7 @@ from evsdr.calibration.ring_recording import (
     fit_result,
     nominal_light,
     read_ring_events,
+    trim_of,
 )
 from evsdr.calibration.scene_text import find_leds, flatten, include_text, scale_led
 from evsdr.calibration.watched import MOST_EVENTS, Watched, watch
@@ -116,7 +117,7 @@ def _read_tilt(
             f"{path}: {error} A patch that all LEDs light alike fires nothing: put dark slots between them."
         ) from error
     chosen = mask[nominal.mask] if nominal.near else slice(None)
-    gain = nominal.gain[:, chosen] * band_reflectance[:, None]
+    gain = nominal.gain[:, chosen] * (band_reflectance * trim_of(recording, len(nominal.gain)))[:, None]
     return patching.Patch(normal, nominal.direction[:, chosen], gain), part
 
 

@@ -20,13 +20,20 @@ def read_ring_events(path: Path, ring) -> Recording:
     """Read a recording and check that it belongs to the scene."""
     recording = read_recording(path)
     check_film(ring, recording)
-    lit = set(recording.schedule.order[recording.schedule.order >= 0].tolist())
+    trim, order = trim_of(recording, ring.leds.n_led), recording.schedule.order
+    lit = {led for led in order[order >= 0].tolist() if led < len(trim) and trim[led] > 0}
     if lit != set(range(ring.leds.n_led)):
         raise InputError(
             f"{path}: schedule/order lights {len(lit)} LEDs but {ring.path} has {ring.leds.n_led}; light each "
             "of them."
         )
     return recording
+
+
+def trim_of(recording: Recording, n_led: int) -> np.ndarray:
+    """Give the brightness of each LED (n_led,), relative to what its calibration is for."""
+    trim = recording.schedule.trim
+    return np.ones(n_led) if trim is None else np.asarray(trim, float)[:n_led]
 
 
 def count_events(recording: Recording) -> np.ndarray:

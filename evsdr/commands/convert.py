@@ -12,6 +12,7 @@ import tyro
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError
 from evsdr.progress import Stages
+from evsdr.rig.join import Lamp
 from evsdr.rig.rounds import Edge
 
 
@@ -25,6 +26,9 @@ class JoinOptions:
     """Trigger input that marks the rounds; by default the one that fits."""
     start_us: float | None = None
     """Start of the first round on the camera's clock [us], for a recording without triggers."""
+    lamp: Lamp = "ring"
+    """What gives the constant light: the ring, whose log tells whether it was on, or a lamp of your own, of which
+    it tells nothing."""
     crop: tuple[int, int, int, int] | None = None
     """Left, top, width and height of the region to keep; as large as the film of the scene file."""
     sensor_size: tuple[int, int] | None = None
@@ -91,7 +95,13 @@ def join_files(path: Path, log_path: Path, out: Path, options: JoinOptions) -> N
         with stages.stage("join"):
             try:
                 recording, rounds = join(
-                    camera, log, known, options.trigger_edge, options.trigger_id, options.start_us
+                    camera,
+                    log,
+                    known,
+                    options.trigger_edge,
+                    options.trigger_id,
+                    options.start_us,
+                    options.lamp,
                 )
             except InputError as error:
                 raise InputError(f"{path}: {error}") from error

@@ -35,6 +35,8 @@ class Options:
     """Length of a slot [us]; in a shorter one the photoreceptor's lag weighs more."""
     crossfade: float = 1.0
     """Fraction of a slot's end over which an LED fades into the next; 0 is a hard switch."""
+    trim: tuple[float, ...] | None = None
+    """Brightness of each LED relative to what the scene says, 0 to 1; by default all 1."""
     led_rise_us: float = 0.0
     """Time constant of an LED's light [us]."""
     pixel: EventPixel = EventPixel()
@@ -81,7 +83,9 @@ def command(options: Options) -> None:
                 signal, truth = render(ring, options.spp, options.seed)
                 constant_light = ring.constant_light
         with stages.stage("events") as advance:
-            schedule = ring_schedule(len(signal), options.order, options.slot_us, options.crossfade)
+            schedule = ring_schedule(
+                len(signal), options.order, options.slot_us, options.crossfade, options.trim
+            )
             recording = record(
                 signal,
                 constant_light,

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from evsdr.errors import InputError
 from evsdr.events.pixel import EventPixel
 from evsdr.events.simulator import simulate_events
 from evsdr.records import Recording, Schedule, Sensor
@@ -13,10 +14,15 @@ Thresholds = Literal["calibrated", "nominal"]
 
 
 def ring_schedule(
-    n_led: int, order: Sequence[int] | None = None, slot_us: float = 20_000.0, crossfade: float = 1.0
+    n_led: int,
+    order: Sequence[int] | None = None,
+    slot_us: float = 20_000.0,
+    crossfade: float = 1.0,
+    trim: Sequence[float] | None = None,
 ) -> Schedule:
-    """Give a schedule of a ring; without an order each LED is lit in turn."""
-    return Schedule(np.asarray(range(n_led) if order is None else order, np.int32), slot_us, crossfade)
+    """Give a schedule of a ring; without an order each LED is lit in turn, without a trim at full brightness."""
+    order = np.asarray(range(n_led) if order is None else order, np.int32)
+    return Schedule(order, slot_us, crossfade, trim=None if trim is None else np.asarray(trim, np.float32))
 
 
 def record(
@@ -57,6 +63,13 @@ def record(
     InputError
         An argument can't be used.
     """
+    if schedule.trim is not None:
+        trim = np.asarray(schedule.trim, np.float32)
+        if len(trim) < len(signal) or not ((trim >= 0) & (trim <= 1)).all():
+            raise InputError(
+                f"trim must hold {len(signal)} numbers from 0 to 1, one for each LED; correct it."
+            )
+        signal = signal * trim[: len(signal), None, None]
     events, on, off, round_start_us = simulate_events(
         signal,
         constant_light,

@@ -99,6 +99,10 @@ def write_recording(path: str | Path, recording: Recording) -> None:
         group["order"] = np.asarray(schedule.order, np.int32)
         for name in ("slot_us", "crossfade", "start_us"):
             group.attrs[name] = _finite(name, getattr(schedule, name))
+        if schedule.trim is not None:
+            group["trim"] = np.asarray(schedule.trim, np.float32)
+        if schedule.constant_light_on is not None:
+            group.attrs["constant_light_on"] = int(schedule.constant_light_on)
     with atomic_path(path) as temporary:
         temporary.write_bytes(image.getvalue())
 
@@ -225,7 +229,29 @@ def _read_schedule(file: h5py.File) -> Schedule:
     crossfade = _number(group, "crossfade", 0.0)
     if not 0 <= crossfade <= 1:
         raise InputError(f"attribute crossfade of schedule is {crossfade:g}; write a fraction, 0 to 1.")
-    return Schedule(order.astype(np.int32), slot_us, crossfade, _number(group, "start_us", 0.0))
+    start_us, constant_light_on = _number(group, "start_us", 0.0), None
+    if "constant_light_on" in group.attrs:
+        constant_light_on = _number(group, "constant_light_on")
+        if constant_light_on not in (0, 1):
+            raise InputError(
+                f"attribute constant_light_on of schedule is {constant_light_on:g}; write 1 if it was on, else 0."
+            )
+        constant_light_on = bool(constant_light_on)
+    return Schedule(order.astype(np.int32), slot_us, crossfade, start_us, _read_trim(file), constant_light_on)
+
+
+def _read_trim(file: h5py.File) -> np.ndarray | None:
+    item = member(file, "schedule/trim")
+    if item is None:
+        return None
+    if not isinstance(item, h5py.Dataset) or item.ndim != 1 or item.dtype.kind not in "fiu" or not item.size:
+        raise InputError("schedule/trim must be a list of numbers; write the brightness of each LED, 0 to 1.")
+    trim = read_all(item).astype(np.float32)
+    bad = ~((trim >= 0) & (trim <= 1))
+    if bad.any():
+        led = int(bad.argmax())
+        raise InputError(f"schedule/trim of LED {led} is {trim[led]:g}; write its brightness, 0 to 1.")
+    return trim
 
 
 def _read_table(file: h5py.File, name: str, fields: tuple[str, ...]) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Whether what was asked of a fit, its scene and its recording go together."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,32 @@ def check_fit(ring: RingScene, recording: Recording, settings: Settings) -> None
             f"{ring.path}: {ring.leds.n_band} bands are too many for the solver lm, which takes {MAX_BANDS}; "
             "use --solver adam."
         )
+
+
+def as_recorded(ring: RingScene, recording: Recording) -> tuple[RingScene, Recording]:
+    """Give scene and recording with LEDs as bright as they were; those that were dark are none."""
+    schedule, trim = recording.schedule, recording.schedule.trim
+    if schedule.constant_light_on is not None and schedule.constant_light_on != (ring.constant_light > 0):
+        state, mend = ("on", "above 0") if schedule.constant_light_on else ("off", "0")
+        raise InputError(
+            f"{recording.source}: its constant light was {state} but {ring.path} has a constant_light of "
+            f"{ring.constant_light:g}; make it {mend}, or convert with --lamp own if the light was not the ring's."
+        )
+    if trim is None:
+        return ring, recording
+    trim = np.asarray(trim, float)
+    if len(trim) < ring.leds.n_led or not ((trim >= 0) & (trim <= 1)).all():
+        raise InputError(
+            f"{recording.source}: schedule/trim must hold {ring.leds.n_led} numbers from 0 to 1, one for each LED of "
+            f"{ring.path}; correct it."
+        )
+    lit = np.append(trim, 1) > 0  # the last for none
+    order = np.where(lit[schedule.order], schedule.order, -1).astype(np.int32)
+    if order.max() < 0:
+        raise InputError(f"{recording.source}: schedule/trim is 0 for all LEDs of order; correct it.")
+    recording = replace(recording, schedule=replace(schedule, order=order, trim=None))
+    trim = trim[: ring.leds.n_led]
+    return ring.trimmed(np.where(trim > 0, trim, 1)) if (trim[trim > 0] != 1).any() else ring, recording
 
 
 def object_mask(ring: RingScene, coverage: np.ndarray, wanted: np.ndarray | str | Path | None) -> np.ndarray:

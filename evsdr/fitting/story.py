@@ -23,7 +23,7 @@ from evsdr.effects.shared import find_shared, widened
 from evsdr.effects.thresholds import Thresholds, ThresholdScale, ThresholdsUnderVeil
 from evsdr.effects.world import ROUND_RAYS, TRIAL_RAYS, Fitted, Terms, World
 from evsdr.fitting import report
-from evsdr.fitting.checks import check_fit, object_mask
+from evsdr.fitting.checks import as_recorded, check_fit, object_mask
 from evsdr.fitting.decoder import Decoder, start_normals
 from evsdr.fitting.entrance import SOLVE, Fit
 from evsdr.fitting.presets import PRESETS
@@ -74,6 +74,7 @@ def fit_recording(
 ) -> Fit:
     """Fit a recording of a scene; arguments as of `entrance.fit`, whose work this is."""
     check_fit(ring, recording, settings)
+    ring, recording = as_recorded(ring, recording)
     preset, lm = PRESETS[settings.preset], settings.solver == "lm"
     thorough, told = preset.thorough and lm, Told(directions_deg=settings.leds_told_to)
     given = settings.solver, thorough, settings.limit_deg, preset.rays, settings.seed + 1

@@ -37,6 +37,8 @@ class RingScene:
         Film [pixels].
     constant_light : float
         C_w.
+    trim : (n_led,) float, optional
+        By which the file's LEDs were made weaker; `leds` has it, the integrator does not.
     """
 
     path: Path | str
@@ -47,6 +49,13 @@ class RingScene:
     height: int
     width: int
     constant_light: float
+    trim: np.ndarray | None = None
+
+    def trimmed(self, trim: np.ndarray) -> "RingScene":
+        """Give the scene under LEDs of another brightness (n_led,), above 0, relative to what the file says."""
+        return replace(
+            self, leds=replace(self.leds, power=self.leds.power * trim), trim=np.asarray(trim, float)
+        )
 
     @property
     def is_near(self) -> bool:
@@ -208,7 +217,8 @@ def with_object(ring: RingScene, position: np.ndarray, face: np.ndarray) -> Ring
     scene = mi.load_dict({"type": "scene"} | {f"part_{i}": part for i, part in enumerate(parts)})
     for part, name in zip(parts, names):
         part.set_id(name)  # the dictionary has renamed them
-    return replace(ring, scene=scene, leds=ring.integrator.leds(scene))
+    placed = replace(ring, scene=scene, leds=ring.integrator.leds(scene))
+    return placed if ring.trim is None else placed.trimmed(ring.trim)
 
 
 def move_object(ring: RingScene, position: np.ndarray, face: np.ndarray) -> None:

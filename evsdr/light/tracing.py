@@ -28,7 +28,8 @@ def led_images(ring: RingScene, spp: int, seed: int = 0) -> np.ndarray:
     (n_led, height, width) float32
     """
     signal = ring.integrator.signals(ring.scene, ring.sensor, spp, seed)
-    return np.stack([s.numpy().reshape(ring.height, ring.width) for s in signal])
+    images = np.stack([s.numpy().reshape(ring.height, ring.width) for s in signal])
+    return images if ring.trim is None else images * ring.trim[:, None, None].astype(np.float32)
 
 
 def trace_illumination(
@@ -52,6 +53,9 @@ def trace_illumination(
     coverage : (height, width) float32
     """
     light, coverage = ring.integrator.illumination(ring.scene, ring.sensor, spp, seed, shadows, skip)
+    if ring.trim is not None:
+        trim = [dr.opaque(mi.Float, t) for t in ring.trim.tolist()]
+        light = replace(light, irradiance=[e * t for e, t in zip(light.irradiance, trim)])
     dr.eval(light.direction, light.irradiance, coverage)
     return light, coverage.numpy().reshape(ring.height, ring.width)
 

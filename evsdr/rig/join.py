@@ -1,6 +1,7 @@
 """Join a camera's recording and the ring's log, with what is known of the sensor."""
 
 from pathlib import Path
+from typing import Literal
 
 import h5py
 import numpy as np
@@ -15,6 +16,8 @@ from evsdr.rig.camera_file import CameraRecording, between
 from evsdr.rig.log import RingLog
 from evsdr.rig.rounds import Edge, Rounds, find_rounds
 
+Lamp = Literal["ring", "own"]
+
 
 def join(
     camera: CameraRecording,
@@ -23,6 +26,7 @@ def join(
     trigger_edge: Edge = "rising",
     trigger_id: int | None = None,
     start_us: float | None = None,
+    lamp: Lamp = "ring",
 ) -> tuple[Recording, Rounds | None]:
     """Join events and log.
 
@@ -38,6 +42,8 @@ def join(
         Trigger input that marks the rounds; by default the one that fits.
     start_us : float, optional
         Start of the first round on the camera's clock [us], instead of triggers.
+    lamp : str
+        Who switches the constant light: the `ring`, whose log tells of it, or `own`, of which nobody tells.
 
     Returns
     -------
@@ -70,7 +76,8 @@ def join(
             "sees the ring."
         )
     sensor = Sensor(camera.width, camera.height, **SENSOR_DEFAULTS | known)
-    schedule = Schedule(log.order, slot_us, log.crossfade, float(begin))
+    lit = log.constant_light if lamp == "ring" else None
+    schedule = Schedule(log.order, slot_us, log.crossfade, float(begin), log.trim, lit)
     return Recording(events, sensor, schedule, rounds.start_us if rounds else np.empty(0, np.int64)), rounds
 
 

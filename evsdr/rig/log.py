@@ -70,6 +70,10 @@ class RingLog:
         Complete rounds.
     ended : str
         "done", or why the ring stopped before.
+    trim : (n_led,) float32, optional
+        Brightness of each LED, 0..1; None where the log does not tell.
+    constant_light : bool, optional
+        Whether the constant light was on; None where the log does not tell.
     """
 
     order: np.ndarray
@@ -77,6 +81,8 @@ class RingLog:
     crossfade: float
     n_round: int
     ended: str
+    trim: np.ndarray | None = None
+    constant_light: bool | None = None
 
     @property
     def round_us(self) -> float:
@@ -137,7 +143,16 @@ def parse_ring_log(fields: object) -> RingLog:
     n_round = fields.get("rounds_done")
     if type(n_round) is not int or n_round < 1:
         raise InputError(f"rounds_done is {n_round!r}, so no round was completed; run the ring again.")
-    return RingLog(np.array(order, np.int32), slot_us, crossfade, n_round, str(fields.get("ended")))
+    trim, constant_light = fields.get("trim"), fields.get("constant_light")
+    if trim is not None:
+        numbers = isinstance(trim, list) and all(type(value) in (int, float) for value in trim)
+        if not numbers or not all(0 <= value <= 1 for value in trim) or max(order) >= len(trim):
+            raise InputError("trim must list the brightness of each LED, 0 to 1; run the ring again.")
+        trim = np.array(trim, np.float32)
+    if type(constant_light) not in (bool, type(None)):
+        raise InputError(f"constant_light is {constant_light!r}; it must be true or false.")
+    ended = str(fields.get("ended"))
+    return RingLog(np.array(order, np.int32), slot_us, crossfade, n_round, ended, trim, constant_light)
 
 
 def _number(fields: dict, name: str) -> float:

@@ -19,10 +19,10 @@ def ring(tmp_path):
     return load_scene(tmp_path / "scene.xml")
 
 
-def recorded(path, order=None):
+def recorded(path, order=None, trim=None):
     signal = np.zeros((8, HEIGHT, WIDTH))
     signal[::2, 3, 5] = 1.0
-    recording = record(signal, 0.1, EventPixel.ideal(), ring_schedule(8, order), 1)
+    recording = record(signal, 0.1, EventPixel.ideal(), ring_schedule(8, order, trim=trim), 1)
     write_recording(path, recording)
     return recording
 
@@ -30,6 +30,9 @@ def recorded(path, order=None):
 def test_each_led_must_be_lit(ring, tmp_path):
     recorded(tmp_path / "all.h5")
     assert len(read_ring_events(tmp_path / "all.h5", ring).events)
+    recorded(tmp_path / "dark.h5", trim=[1, 0, *[0.5] * 6])
+    with pytest.raises(InputError, match="schedule/order lights 7 LEDs"):
+        read_ring_events(tmp_path / "dark.h5", ring)
     recorded(tmp_path / "some.h5", (0, 1, 2, -1))
     with pytest.raises(InputError, match=r"some.h5: schedule/order lights 3 LEDs but .*scene.xml has 8"):
         read_ring_events(tmp_path / "some.h5", ring)

@@ -21,6 +21,16 @@ def test_a_ring_goes_round_in_order_unless_told_otherwise():
     assert plain.order.dtype == np.int32
 
 
+def test_trim_dims_leds():
+    factor = np.array([0.25, 1, 0], np.float32)
+    trimmed = record(SIGNAL, 0.1, PIXEL, ring_schedule(3, trim=factor), 2)
+    dimmed = record(SIGNAL * factor[:, None, None], 0.1, PIXEL, ring_schedule(3), 2)
+    np.testing.assert_array_equal(trimmed.events.t, dimmed.events.t)
+    assert trimmed.schedule.trim.tolist() == factor.tolist()
+    with pytest.raises(InputError, match="trim must hold 3 numbers"):
+        record(SIGNAL, 0.1, PIXEL, ring_schedule(3, trim=factor[:2]), 2)
+
+
 def test_events_and_thresholds_are_the_simulators():
     schedule = ring_schedule(3)
     events, on, off, starts = simulate_events(SIGNAL, 0.1, schedule, 2, PIXEL, seed=4, led_rise_us=30.0)

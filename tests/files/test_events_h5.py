@@ -3,6 +3,7 @@
 import resource
 import subprocess
 import sys
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -46,6 +47,15 @@ def test_round_trip(path, recording):
     assert (read.sensor.width, read.sensor.height) == (WIDTH, HEIGHT)
     assert (read.sensor.contrast_threshold_off, read.sensor.refractory_us) == (0.31, 17.5)
     assert (read.schedule.slot_us, read.schedule.crossfade, read.schedule.start_us) == (2500.0, 0.25, 12.5)
+    np.testing.assert_array_equal(read.schedule.trim, recording.schedule.trim)
+    assert read.schedule.constant_light_on is False
+
+
+def test_brightness_and_constant_light_may_be_untold(tmp_path, recording):
+    untold = replace(recording, schedule=replace(recording.schedule, trim=None, constant_light_on=None))
+    write_recording(tmp_path / "a.h5", untold)
+    schedule = read_recording(tmp_path / "a.h5").schedule
+    assert schedule.trim is None and schedule.constant_light_on is None
 
 
 def test_mean_of_thresholds_stands_as_attribute(path, recording):

@@ -56,6 +56,9 @@ TABLE_FAULTS = [
     ("sensor/contrast_threshold_on", lambda on: on[1:], r"sensor/contrast_threshold_on must be an array"),
     ("sensor/contrast_threshold_on", lambda on: on - on[2, 3], "sensor/contrast_threshold_on is .* at x="),
     ("sensor/contrast_threshold_on", lambda on: on / 0, "sensor/contrast_threshold_on is inf at x=0, y=0"),
+    ("schedule/trim", lambda trim: trim[None], "schedule/trim must be a list of numbers"),
+    ("schedule/trim", lambda trim: trim + 0.5, "schedule/trim of LED 1 is 1.5"),
+    ("schedule/trim", lambda trim: trim * np.nan, "schedule/trim of LED 0 is nan"),
     ("schedule", lambda group: None, "the group schedule is missing"),
 ]
 

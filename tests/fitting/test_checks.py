@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from evsdr.errors import InputError
-from evsdr.fitting.checks import MAX_BANDS, check_fit, object_mask
+from evsdr.fitting.checks import MAX_BANDS, as_recorded, check_fit, object_mask
 from evsdr.fitting.settings import Settings
 from evsdr.records import Events, Recording, Schedule, Sensor
 
@@ -44,6 +44,38 @@ def test_what_goes_together():
 def test_what_does_not(recording, sentence):
     with pytest.raises(InputError, match=sentence):
         check_fit(RING, recording, Settings())
+
+
+def lit(trim=None, on=None):
+    return replace(GOOD, schedule=replace(GOOD.schedule, trim=trim, constant_light_on=on), source="b.h5")
+
+
+def test_leds_are_as_bright_as_they_were():
+    ring = SimpleNamespace(**vars(RING), constant_light=0.05, trimmed=lambda trim: trim.tolist())
+    for untold in (None, np.ones(24)):
+        assert as_recorded(ring, lit(untold, True))[0] is ring
+    trim, recording = as_recorded(ring, lit(np.array([1, 0.5, 0, *[1] * 21])))
+    assert trim == [1, 0.5, *[1] * 6]
+    assert recording.schedule.order.tolist() == [0, 1, -1, 3, 4, 5, 6, 7]
+
+
+@pytest.mark.parametrize(
+    ("light", "recording", "sentence"),
+    [
+        (
+            0.05,
+            lit(on=False),
+            r"^b.h5: its constant light was off but a.xml has a constant_light of 0.05; make it 0",
+        ),
+        (0.0, lit(on=True), r"^b.h5: its constant light was on but .* of 0; make it above 0"),
+        (0.05, lit(np.ones(7)), "^b.h5: schedule/trim must hold 8 numbers"),
+        (0.05, lit(np.full(8, 1.5)), "^b.h5: schedule/trim must hold 8 numbers"),
+        (0.05, lit(np.zeros(8)), "^b.h5: schedule/trim is 0 for all"),
+    ],
+)
+def test_light_that_contradicts_the_recording(light, recording, sentence):
+    with pytest.raises(InputError, match=sentence):
+        as_recorded(SimpleNamespace(**vars(RING), constant_light=light), recording)
 
 
 def test_many_bands_are_for_adam():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evsdr.light.ground_truth import object_depth, object_normals, surface_maps
-from evsdr.light.scene import load_scene
+from evsdr.light.scene import load_scene, with_object
 from evsdr.light.tracing import led_images, light_at_centre, trace_illumination, trace_indirect
 from tests.conftest import REPOSITORY
 from tests.support.small_scene import DIFFUSE, HEIGHT, WIDTH, camera, leds, scene
@@ -29,6 +29,20 @@ def test_led_images_are_lamberts(ring):
     expected = cosine * reflectance[np.arange(8) % 2][:, None, None]
     np.testing.assert_allclose(led_images(ring, 1)[:, seen], expected[:, seen], atol=2e-3)
     np.testing.assert_array_equal(led_images(ring, 1)[:, ~seen], 0)
+
+
+def test_trim_dims_leds_on_whatever_object(ring):
+    trim = np.linspace(0.3, 1, 8)
+    dim = ring.trimmed(trim)
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], float)
+    placed, dim_placed = (with_object(one, corners, np.array([[0, 1, 2]])) for one in (ring, dim))
+    for before, after in ((ring, dim), (placed, dim_placed)):
+        np.testing.assert_allclose(after.leds.power, before.leds.power * trim)
+        light, whole = (trace_illumination(one, 1, False)[0] for one in (after, before))
+        np.testing.assert_allclose(
+            [e[0] for e in light.irradiance], trim * [e[0] for e in whole.irradiance], rtol=1e-6
+        )
+    np.testing.assert_allclose(led_images(dim, 1), led_images(ring, 1) * trim[:, None, None], rtol=1e-6)
 
 
 def test_far_light_is_the_same_everywhere_without_shadows(ring):

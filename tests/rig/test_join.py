@@ -27,8 +27,14 @@ def test_events_of_the_rounds_stay(camera):
     np.testing.assert_array_equal(recording.round_start_us, STARTS)
     assert len(rounds) == N_ROUND
     assert recording.schedule.order.tolist() == ORDER
+    assert recording.schedule.trim.tolist() == [1.0] * 24 and recording.schedule.constant_light_on is True
     assert recording.sensor.refractory_us == 30
     assert recording.sensor.contrast_threshold_on == SENSOR_DEFAULTS["contrast_threshold_on"]
+
+
+def test_a_lamp_of_ones_own_is_not_the_rings(camera):
+    recording, _ = join(camera, parse_ring_log(LOG), {}, lamp="own")
+    assert recording.schedule.constant_light_on is None
 
 
 def test_a_clock_that_runs_fast_stretches_the_slots(camera):

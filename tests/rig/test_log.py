@@ -26,6 +26,10 @@ from tests.support.ring_log import LOG
         ({"crossfade": 1.5}, "crossfade is 1.5"),
         ({"rounds_done": 0, "ended": "stopped"}, "rounds_done is 0, so no round was completed"),
         ({"rounds_done": 2.5}, "rounds_done is 2.5"),
+        ({"trim": [1.0, 0.5]}, "trim must list"),
+        ({"trim": [1.0, 0.5, 1.01]}, "trim must list"),
+        ({"trim": [1.0, 0.5, True]}, "trim must list"),
+        ({"constant_light": 1}, "constant_light is 1"),
     ],
 )
 def test_wrong_ring_log(tmp_path, changes, sentence):
@@ -44,7 +48,8 @@ def test_ring_log_of_another_kind(tmp_path, text, sentence):
 
 
 def test_what_a_run_did_comes_back(tmp_path):
-    settings = {name: LOG[name] for name in ("order", "slot_us", "crossfade", "rounds")}
+    names = ("order", "slot_us", "crossfade", "rounds", "constant_light")
+    settings = {name: LOG[name] for name in names} | {"trim": [0.5, 1, 0]}
     run = RunLog(
         "1.0", settings, "2025-05-01T10:00:00Z", rounds_done=5, lines=[(0.12345, "armed")], ended="done"
     )
@@ -58,6 +63,7 @@ def test_what_a_run_did_comes_back(tmp_path):
         LOG["crossfade"],
     )
     assert (log.n_round, log.ended, log.round_us) == (5, "done", 10_000)
+    assert log.trim.tolist() == [0.5, 1, 0] and log.constant_light is True
 
 
 def test_a_run_without_a_complete_round_is_refused(tmp_path):

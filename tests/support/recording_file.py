@@ -19,7 +19,8 @@ def small_recording() -> Recording:
     )
     on = rng.uniform(0.2, 0.3, (HEIGHT, WIDTH)).astype(np.float32)
     sensor = Sensor(WIDTH, HEIGHT, on, 0.31, 17.5)
-    schedule = Schedule(np.array([2, -1, 0, 1], np.int32), 2500.0, 0.25, 12.5)
+    trim = np.array([0.5, 1, 0], np.float32)
+    schedule = Schedule(np.array([2, -1, 0, 1], np.int32), 2500.0, 0.25, 12.5, trim, False)
     return Recording(events, sensor, schedule, 2**40 + np.arange(5) * 10_001)
 
 
