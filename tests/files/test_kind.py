@@ -56,7 +56,7 @@ def test_kinds(folder, name):
     assert kind_of(path) == KINDS[name]
     assert other_kind(path, KINDS[name], "it") == ""
     assert other_kind(path, "", "it").endswith(
-        "; name it." if KINDS[name] and name != "raw" else "convert." * (name == "raw")
+        "; name it." if KINDS[name] and name not in ("raw", "xz") else "convert." * bool(KINDS[name])
     )
 
 
