@@ -16,6 +16,7 @@ from pathlib import Path
 
 from evsdr.errors import InputError
 from evsdr.signals import undisturbed
+from evsdr.threads import most_threads
 
 VARIANTS = ("llvm_ad_spectral", "cuda_ad_spectral")
 OLDEST = 19
@@ -55,7 +56,7 @@ def start(variant: str | None = None) -> None:
     Raises
     ------
     InputError
-        If no usable libLLVM or GPU is there, or the process already runs another variant.
+        If no usable libLLVM or GPU is there, the process already runs another variant, or EVSDR_THREADS is no number.
     """
     if variant is None:
         running = sys.modules["mitsuba"].variant() if "mitsuba" in sys.modules else None
@@ -94,6 +95,8 @@ def start(variant: str | None = None) -> None:
             " call evsdr.jit.start before importing drjit or mitsuba."
         )
     mi.set_log_level(mi.LogLevel.Warn)
+    if (n_thread := most_threads()) is not None:
+        dr.set_thread_count(n_thread)
     importlib.import_module("evsdr.integrators.ring")
 
 

@@ -1,13 +1,37 @@
-"""Work for all cores: kernels that let go of the interpreter, one chunk per call."""
+"""Work for all cores: kernels that let go of the interpreter, one chunk per call; fewer where the user asks so."""
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
+from evsdr.errors import InputError
+
 N_CHUNK = 32  # groups of pixels: enough to keep many cores busy, whatever they hold
+ASKED = "EVSDR_THREADS"  # variable of the environment: most threads of a process
+LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 def in_chunks(work: Callable[[int], None]) -> None:
     """Call work(chunk) for each of `N_CHUNK`, several at a time."""
-    with ThreadPoolExecutor() as threads:
+    with ThreadPoolExecutor(most_threads()) as threads:
         for _ in threads.map(work, range(N_CHUNK)):
             pass
+
+
+def most_threads() -> int | None:
+    """Give how many threads the user allows this process; None for as many as there are cores.
+
+    Raises
+    ------
+    InputError
+        The variable EVSDR_THREADS is no whole number above 0.
+    """
+    text = os.environ.get(ASKED, "")
+    if text and (not text.isdecimal() or int(text) < 1):
+        raise InputError(f"{ASKED} is {text!r}; set it to a whole number above 0, or to nothing.")
+    return int(text) if text else None
+
+
+def limited(n_thread: int) -> dict[str, str]:
+    """Give variables of the environment under which a process uses that many threads."""
+    return dict.fromkeys((ASKED, *LIBRARIES), str(n_thread))

@@ -10,16 +10,16 @@ tomllib = pytest.importorskip("tomllib")  # from Python 3.11 on
 
 # What may be imported lies on a floor below, or in the same room.
 FLOORS = (
-    ("errors", "records", "progress", "signals"),
+    ("errors", "records", "progress", "signals", "threads"),
     ("model", "metrics"),
     ("integrators", "events", "files", "jit", "frozen"),
     ("solve", "light", "shape", "rig"),
-    ("effects", "limits", "calibration", "page", "exports"),
+    ("effects", "limits", "calibration", "page", "exports", "jobs"),
     ("fitting",),
     ("commands", "scenes", "door"),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export")
+DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export", "batch")
 ONLY_IN = {
     "mitsuba": ("light", "integrators", "jit"),
     "tyro": ("commands",),

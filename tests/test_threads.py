@@ -1,10 +1,12 @@
 """Work in chunks: each one once, several at a time, and what goes wrong is heard."""
 
 import threading
+import time
 
 import pytest
 
-from evsdr.threads import N_CHUNK, in_chunks
+from evsdr.errors import InputError
+from evsdr.threads import N_CHUNK, in_chunks, limited, most_threads
 
 
 def test_each_chunk_is_worked_on_once():
@@ -26,3 +28,17 @@ def test_an_error_is_raised():
 
     with pytest.raises(ZeroDivisionError):
         in_chunks(work)
+
+
+def test_the_user_may_ask_for_fewer(monkeypatch):
+    for name, value in limited(3).items():
+        monkeypatch.setenv(name, value)
+    assert most_threads() == 3
+    seen = set()
+    in_chunks(lambda _: (time.sleep(0.005), seen.add(threading.get_ident())))
+    assert len(seen) == 3
+    monkeypatch.setenv("EVSDR_THREADS", "")
+    assert most_threads() is None
+    monkeypatch.setenv("EVSDR_THREADS", "two")
+    with pytest.raises(InputError, match="EVSDR_THREADS is 'two'"):
+        most_threads()

@@ -11,6 +11,7 @@ EXPERIMENTS = REPOSITORY / "experiments"
 # Modules that an experiment measures, draws with, or must start before them.
 MEASURED = {
     "ablation": {"solve.tuning"},
+    "batch": {"jobs"},
     "bench": {"commands.console", "rig", "events.phase", "fitting.simulation"},
     "benchmark.py": {"jit"},
     "cast_shadow": {"light"},  # tells where shadows are
