@@ -74,6 +74,8 @@ class RingLog:
         Brightness of each LED, 0..1; None where the log does not tell.
     constant_light : bool, optional
         Whether the constant light was on; None where the log does not tell.
+    source : str
+        What it comes from, for sentences.
     """
 
     order: np.ndarray
@@ -83,6 +85,7 @@ class RingLog:
     ended: str
     trim: np.ndarray | None = None
     constant_light: bool | None = None
+    source: str = "ring.json"
 
     @property
     def round_us(self) -> float:

@@ -73,7 +73,7 @@ def find_rounds(edges: Edges, log: RingLog, edge: Edge = "rising", trigger_id: i
         The ring was stopped early; edges were missing or too many, and mended; the clocks differ; the other
         edge seems to be the true one.
     """
-    trigger_id, t = _choose_input(edges, log, edge, trigger_id)
+    trigger_id, t = choose_input(edges, log.n_round, edge, trigger_id)
     period = np.diff(t)
     even = np.abs(period / log.round_us - 1) < CLOCK_TOLERANCE
     if not even.any():
@@ -84,7 +84,7 @@ def find_rounds(edges: Edges, log: RingLog, edge: Edge = "rising", trigger_id: i
         )
         raise InputError(
             f"a round of the ring takes {1e-3 * log.round_us:.6g} ms but on trigger input {trigger_id} "
-            f"{seen}; check --trigger-id and --trigger-edge, and that ring.json belongs to this recording."
+            f"{seen}; check --trigger-id and --trigger-edge, and that {log.source} belongs to this recording."
         )
     index = _walk(t, int(even.argmax()), float(np.median(period[even])))
     on_grid = index != OFF_GRID
@@ -97,7 +97,7 @@ def find_rounds(edges: Edges, log: RingLog, edge: Edge = "rising", trigger_id: i
     ratio = (start[-1] - start[0]) / ((len(start) - 1) * log.round_us)
     if abs(ratio - 1) > BAD_CLOCK:
         _warn(
-            f"a round takes {ratio:.4f} times as long on the camera's clock as ring.json says; "
+            f"a round takes {ratio:.4f} times as long on the camera's clock as {log.source} says; "
             "the camera's time is used, but check slot_us."
         )
     _check_polarity(edges, trigger_id, edge, start)
@@ -120,8 +120,25 @@ def _walk(t: np.ndarray, anchor: int, round_us: float) -> np.ndarray:
     return index
 
 
-def _choose_input(edges: Edges, log: RingLog, edge: Edge, trigger_id: int | None) -> tuple[int, np.ndarray]:
-    """Give the trigger input of the round starts and its edges."""
+def choose_input(
+    edges: Edges, n_round: int | None, edge: Edge, trigger_id: int | None
+) -> tuple[int, np.ndarray]:
+    """Give the trigger input of the round starts and the times of its edges.
+
+    Parameters
+    ----------
+    edges : Edges
+        All that the camera saw.
+    n_round : int, optional
+        Rounds, by which one of several inputs is told.
+    edge, trigger_id
+        As for `find_rounds`.
+
+    Raises
+    ------
+    InputError
+        There is none, or several.
+    """
     polarity = int(edge == "rising")
     inputs, counts = np.unique(edges.id[edges.p == polarity], return_counts=True)
     if not len(edges):
@@ -131,7 +148,7 @@ def _choose_input(edges: Edges, log: RingLog, edge: Edge, trigger_id: int | None
         )
     listed = ", ".join(f"input {i}: {n}" for i, n in zip(inputs, counts, strict=True)) or "none"
     if trigger_id is None and len(inputs) > 1:
-        inputs = inputs[counts == log.n_round + 1]
+        inputs = inputs[counts == (n_round or -1) + 1]
         if len(inputs) != 1:
             raise InputError(f"it has {edge} edges on several inputs ({listed}); give --trigger-id.")
     chosen = int(inputs[0]) if trigger_id is None and len(inputs) else trigger_id
@@ -156,7 +173,7 @@ def _check_count(log: RingLog, t: np.ndarray, index: np.ndarray, stray: np.ndarr
     if not fits and not mendable:
         raise InputError(
             f"{where} saw {n_seen} rounds from {1e-6 * t[0]:.3f} s to {1e-6 * t[-1]:.3f} s but the ring made "
-            f"{n_told}; check that ring.json belongs to this recording, and record the whole run."
+            f"{n_told}; check that {log.source} belongs to this recording, and record the whole run."
         )
     if len(stray) > 2 * n_told or len(missing) > n_told // 2:
         raise InputError(

@@ -10,6 +10,7 @@ from evsdr.commands.convert import main
 from evsdr.errors import InputWarning
 from evsdr.files.events_h5 import read_recording
 from tests.support.camera_files import encode_raw, make_recording, write_metavision
+from tests.support.foreign_files import write_eventps, write_eventps_triggers
 from tests.support.ring_log import LOG, ORDER, SLOT_US, STARTS, pulses
 
 
@@ -111,6 +112,78 @@ def test_start_by_hand(files, camera):
     assert len(read.round_start_us) == 0 and read.schedule.start_us == 12_000
     inside = (camera.events.t >= 12_000) & (camera.events.t < 62_000)
     np.testing.assert_array_equal(read.events.t, camera.events.t[inside])
+
+
+# ---- without ring.json -----------------------------------------------------------------------------------
+
+
+def alone(folder, *options, recording="camera.raw"):
+    return main([str(folder / recording), *options])
+
+
+def test_options_in_place_of_the_log(files):
+    assert run(files, *SENSOR) == 0
+    joined = read_recording(files / "events.h5")
+    order = ("--order", *map(str, ORDER))
+    assert alone(files, *SENSOR, *order, "--crossfade", "0.75", "--out", str(files / "b.h5")) == 0
+    told = read_recording(files / "b.h5")
+    np.testing.assert_array_equal(told.events.t, joined.events.t)
+    np.testing.assert_array_equal(told.round_start_us, STARTS)
+    np.testing.assert_array_equal(told.schedule.order, ORDER)
+    assert (told.schedule.slot_us, told.schedule.crossfade) == (SLOT_US, 0.75)
+    by_hand = (
+        *order,
+        "--slot-us",
+        "2500",
+        "--start-us",
+        "7000",
+        "--rounds",
+        "5",
+        "--out",
+        str(files / "c.h5"),
+    )
+    assert alone(files, *SENSOR, *by_hand) == 0
+    np.testing.assert_array_equal(read_recording(files / "c.h5").events.t, joined.events.t)
+
+
+def test_a_recording_of_eventps(files, camera):
+    write_eventps(files / "events.xz", camera)
+    write_eventps_triggers(files / "trigger.xz", STARTS)
+    beside = ("--triggers", str(files / "trigger.xz"), "--sensor-size", "64", "48", "--n-led", "4")
+    assert alone(files, *SENSOR, *beside, recording="events.xz") == 0
+    read = read_recording(files / "events.h5")
+    np.testing.assert_array_equal(read.round_start_us, STARTS)
+    assert read.schedule.order.tolist() == [0, 1, 2, 3] and read.schedule.crossfade == 1
+    inside = (camera.events.t >= STARTS[0]) & (camera.events.t < STARTS[-1])
+    np.testing.assert_array_equal(read.events.x, camera.events.x[inside])
+
+
+def test_asked_too_little_it_tells_what_the_file_holds(files, capsys):
+    assert alone(files) == 2
+    printed = capsys.readouterr()
+    assert "trigger input 0, rising" in printed.out and "6 from 0.007000 s, 10 ms apart" in printed.out
+    assert printed.err.endswith("give its ring.json by --ring, or --order or --n-led.\n")
+    assert printed.err.count("\n") == 1 and not (files / "events.h5").exists()
+
+
+@pytest.mark.parametrize(
+    "options, sentence",
+    [
+        (("--ring", "ring.json", "--rounds", "5"), "--ring tells order, slots, crossfade and rounds"),
+        (("--n-led", "4", "--order", "0", "1"), "--order and --n-led tell the same"),
+        (("--n-led", "1"), "--n-led is 1"),
+        (("--n-led", "4", "--slot-us", "-1"), "--slot-us is -1"),
+        (("--n-led", "4", "--slot-us", "999"), "a round of the ring takes 3.996 ms but"),
+        (
+            ("--n-led", "4", "--rounds", "9"),
+            "but the ring made 9; check that what you tell of the ring belongs",
+        ),
+        (("--n-led", "4", "--triggers", "none"), "none: there is no such file"),
+    ],
+)
+def test_what_does_not_go_together(files, capsys, options, sentence):
+    assert alone(files, *options) == 2
+    assert sentence in capsys.readouterr().err
 
 
 # ---- hostile input ---------------------------------------------------------------------------------------
