@@ -11,18 +11,24 @@ PERIOD_US = 96_000
 
 
 def periodic(rng, n_round=4):
-    """Times of events under eight LEDs that fade into each other, each as bright as it likes."""
-    rate = np.repeat(rng.uniform(0.3, 1, 8), 12) * np.tile(np.hanning(12), 8)
-    t = np.concatenate(
-        [k * PERIOD_US + 1000 * np.repeat(np.arange(96), (60 * rate).astype(int)) for k in range(n_round)]
+    """Events under eight LEDs, one after the other from left and right, that are alike in pairs."""
+    rate = np.repeat(np.tile(rng.uniform(0.3, 1, 4), 2), 12) * np.tile(np.hanning(12), 8)
+    k = np.tile(np.repeat(np.arange(96), (60 * rate).astype(int)), n_round)
+    t = (
+        1000 * k
+        + np.repeat(np.arange(n_round) * PERIOD_US, len(k) // n_round)
+        + rng.integers(0, 1000, len(k))
     )
-    return np.sort(t + rng.integers(0, 1000, len(t)))
+    order = np.argsort(t)
+    x = np.where(k < 48, rng.integers(0, 40, len(k)), rng.integers(24, 64, len(k)))
+    return make_recording(x[order], rng.integers(0, 48, len(k)), rng.integers(0, 2, len(k)), t[order])
 
 
 def test_the_round_is_found(rng):
     assert repetition_us(periodic(rng)) == pytest.approx(PERIOD_US, rel=0.01)
-    assert repetition_us(np.sort(rng.integers(0, 400_000, 5000))) is None
-    assert repetition_us(np.array([0, 1])) is None
+    zeros = np.zeros(5000, int)
+    assert repetition_us(make_recording(zeros, zeros, zeros, np.sort(rng.integers(0, 400_000, 5000)))) is None
+    assert repetition_us(make_recording([1, 2], [1, 2], [0, 1], [0, 1])) is None
 
 
 def test_all_is_told():
