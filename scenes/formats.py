@@ -1,4 +1,4 @@
-"""What the scene scripts write: spectra as Mitsuba XML, meshes as PLY."""
+"""What the scene scripts write: meshes as PLY."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,33 +26,6 @@ class Mesh:
     normal: np.ndarray
     uv: np.ndarray
     face: np.ndarray
-
-
-def spectrum_xml(wavelength_nm: np.ndarray, value: np.ndarray, **attribute: str) -> str:
-    """Write a spectrum of regularly spaced samples as one XML element.
-
-    Parameters
-    ----------
-    wavelength_nm : (n,) float
-        Regularly spaced wavelengths [nm].
-    value : (n,) float
-        Samples; linear in between, zero outside.
-    **attribute : str
-        Attributes of the element: `id` or `name`.
-
-    Returns
-    -------
-    str
-        Element without indentation, one child a line.
-    """
-    named = "".join(f' {key}="{text}"' for key, text in attribute.items())
-    return (
-        f'<spectrum type="regular"{named}>\n'
-        f'    <float name="wavelength_min" value="{wavelength_nm[0]:g}"/>\n'
-        f'    <float name="wavelength_max" value="{wavelength_nm[-1]:g}"/>\n'
-        f'    <string name="values" value="{" ".join(f"{v:.6g}" for v in value)}"/>\n'
-        "</spectrum>"
-    )
 
 
 def write_ply(path: Path, mesh: Mesh) -> None:

@@ -10,7 +10,9 @@ from textwrap import indent
 
 import colour
 import numpy as np
-from evsdr.scenes.formats import HERE, Mesh, spectrum_xml, write_ply
+from evsdr.scenes.formats import HERE, Mesh, write_ply
+
+from evsdr.rig.led_xml import spectrum_xml
 
 WAVELENGTH_NM = np.arange(360.0, 831.0, 10.0)
 N_ROW, N_COLUMN = 4, 6

@@ -1,16 +1,20 @@
-"""Write the rigs of 24 LEDs: far (ring24.xml), near (ring24_near.xml) and finite (ring24_soft.xml)."""
+"""Write the rigs of 24 LEDs, far (ring24.xml), near (ring24_near.xml) and finite (ring24_soft.xml), and tables of LEDs."""
 
 from pathlib import Path
 from textwrap import indent
 
 import numpy as np
-from evsdr.scenes.formats import HERE, spectrum_xml
+from evsdr.scenes.formats import HERE
+
+from evsdr.rig.led_light import led_spectrum, square_form_factor
+from evsdr.rig.led_xml import far_led, near_led, spectrum_xml, square_led
 
 N_LED = 24
 N_BAND = 8
 POLAR_DEG = 45.0
 NEAR_DISTANCE = 3.5  # of near LEDs from the origin, in object radii
 SOFT_WIDTH = 0.4  # of the square LEDs
+EVENTPS_RADIUS, EVENTPS_HEIGHT, EVENTPS_STEPS = 140.0, 80.0, 48  # [mm]
 
 # Peak and the two half widths at half maximum [nm]. Blue and green LEDs fall off slowly toward the red,
 # orange and red ones toward the blue.
@@ -24,36 +28,6 @@ BANDS = (
     (595, 9, 7),
     (635, 10, 8),
 )
-STEP_NM = 5
-
-
-def led_spectrum(peak_nm: float, left_nm: float, right_nm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Model the spectral irradiance of an LED with a skewed peak.
-
-    (g + 2 g^5) / 3 with g = exp(-((lambda - peak) / width)^2), Ohno 2005, "Spectral design considerations
-    for white LED color rendering", here with a width for either side.
-
-    Parameters
-    ----------
-    peak_nm : float
-        Wavelength of the peak [nm].
-    left_nm, right_nm : float
-        Half widths at half maximum below and above the peak [nm].
-
-    Returns
-    -------
-    wavelength_nm, irradiance : (n,) float
-        Wavelengths [nm] in steps of 5 nm, and irradiance [W/m^2/nm] that integrates to 1 W/m^2.
-    """
-    width_per_half = 2.17  # (g + 2 g^5) / 3 is one half at width / 2.17
-    wavelength = np.arange(360.0, 831.0, STEP_NM)
-    shift = wavelength - peak_nm
-    g = np.exp(-((shift / (width_per_half * np.where(shift < 0, left_nm, right_nm))) ** 2))
-    density = (g + 2 * g**5) / 3
-    used = np.flatnonzero(density > 1e-3)
-    used = np.arange(max(used[0] - 1, 0), used[-1] + 2)
-    density = np.where(density > 1e-3, density, 0.0)[used]
-    return wavelength[used], density / np.trapezoid(density, wavelength[used])
 
 
 def light_directions() -> np.ndarray:
@@ -63,54 +37,12 @@ def light_directions() -> np.ndarray:
     return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1)
 
 
-def square_form_factor(width: float, distance: float) -> float:
-    """Form factor from a small patch to a square that it faces: irradiance is pi times it times radiance.
-
-    Four corner rectangles, each as in Howell, "A catalog of radiation heat transfer configuration factors",
-    B-3.
-    """
-    x = 0.5 * width / distance
-    root = np.sqrt(1 + x * x)
-    return 4 * x / root * np.arctan(x / root) / np.pi
+def _near(name: str, band: str, direction: np.ndarray) -> str:
+    return near_led(name, band, NEAR_DISTANCE * direction)
 
 
-def _numbers(v: np.ndarray) -> list[str]:
-    return [f"{round(c, 6) + 0.0:g}" for c in v.tolist()]
-
-
-def _far_led(name: str, band: str, direction: np.ndarray) -> str:
-    x, y, z = _numbers(-direction)
-    return (
-        f'<emitter type="directional" id="{name}">\n'
-        f'    <vector name="direction" x="{x}" y="{y}" z="{z}"/>\n'
-        f'    <ref name="irradiance" id="{band}"/>\n'
-        "</emitter>"
-    )
-
-
-def _near_led(name: str, band: str, direction: np.ndarray) -> str:
-    x, y, z = _numbers(NEAR_DISTANCE * direction)
-    return (
-        f'<emitter type="point" id="{name}">\n'
-        f'    <point name="position" x="{x}" y="{y}" z="{z}"/>\n'
-        f'    <ref name="intensity" id="{band}"/>\n'
-        "</emitter>"
-    )
-
-
-def _soft_led(name: str, band: str, direction: np.ndarray) -> str:
-    origin = ", ".join(_numbers(NEAR_DISTANCE * direction))
-    return (
-        f'<shape type="rectangle" id="{name}">\n'
-        '    <transform name="to_world">\n'
-        f'        <scale value="{SOFT_WIDTH / 2:g}"/>\n'
-        f'        <lookat origin="{origin}" target="0, 0, 0" up="0, 0, 1"/>\n'
-        "    </transform>\n"
-        '    <emitter type="area">\n'
-        f'        <ref name="radiance" id="{band}"/>\n'
-        "    </emitter>\n"
-        "</shape>"
-    )
+def _soft(name: str, band: str, direction: np.ndarray) -> str:
+    return square_led(name, band, NEAR_DISTANCE * direction, SOFT_WIDTH)
 
 
 def rig_xml(title: str, scale: float, led) -> str:
@@ -139,8 +71,33 @@ def rig_xml(title: str, scale: float, led) -> str:
     return '<scene version="3.0.0">\n' + indent("\n\n".join(part), "    ") + "\n</scene>\n"
 
 
+def ring24_csv() -> str:
+    """Write the far LEDs as a table for `python -m evsdr.new_scene`."""
+    lines = [
+        "# The LEDs of ring24.xml. Written by make_rigs.py.",
+        "azimuth_deg,polar_deg,wavelength_nm,width_below_nm,width_above_nm",
+    ]
+    for j in range(N_LED):
+        peak, below, above = BANDS[j % N_BAND]
+        lines.append(f"{360 * j / N_LED:g},{POLAR_DEG:g},{peak},{below},{above}")
+    return "\n".join(lines) + "\n"
+
+
+def eventps_csv() -> str:
+    """Write the white LED of EventPS (Yu et al., CVPR 2024) that goes round the object as many that stand."""
+    lines = [
+        "# A white LED that goes round the object, as in EventPS: 14 cm from the axis of the camera, 8 cm above, [mm].",
+        "# Check both, and where the LED is at the trigger. Written by make_rigs.py.",
+        "x,y,z,wavelength_nm,width_nm",
+    ]
+    for angle in 2 * np.pi * np.arange(EVENTPS_STEPS) / EVENTPS_STEPS:
+        x, y = EVENTPS_RADIUS * np.cos(angle), EVENTPS_RADIUS * np.sin(angle)
+        lines.append(f"{round(x, 3) + 0.0:g},{round(y, 3) + 0.0:g},{EVENTPS_HEIGHT:g},560,120")
+    return "\n".join(lines) + "\n"
+
+
 def write(folder: Path = HERE) -> None:
-    """Write the three rigs."""
+    """Write the three rigs, and two as tables."""
     title = (
         "24 {} at polar angle 45 deg, LED j at azimuth 15 j deg and of band j mod 8.\n"
         "     {} has 1 W/m^2 of each."
@@ -148,10 +105,11 @@ def write(folder: Path = HERE) -> None:
     patch = "A patch at the origin that faces it"
     radiance = 1 / (np.pi * square_form_factor(SOFT_WIDTH, NEAR_DISTANCE))
     rigs = {
-        "ring24.xml": rig_xml(title.format("far LEDs", "A patch that faces it"), 1.0, _far_led),
-        "ring24_near.xml": rig_xml(title.format("near LEDs", patch), NEAR_DISTANCE**2, _near_led),
-        "ring24_soft.xml": rig_xml(title.format("square LEDs", patch), radiance, _soft_led),
+        "ring24.xml": rig_xml(title.format("far LEDs", "A patch that faces it"), 1.0, far_led),
+        "ring24_near.xml": rig_xml(title.format("near LEDs", patch), NEAR_DISTANCE**2, _near),
+        "ring24_soft.xml": rig_xml(title.format("square LEDs", patch), radiance, _soft),
     }
+    rigs |= {"ring24.csv": ring24_csv(), "eventps.csv": eventps_csv()}
     for name, text in rigs.items():
         (folder / name).write_text(text)
 

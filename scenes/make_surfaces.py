@@ -9,8 +9,10 @@ from textwrap import indent
 
 import numpy as np
 import png
-from evsdr.scenes.formats import HERE, spectrum_xml
+from evsdr.scenes.formats import HERE
 from scipy.special import expit, ndtr
+
+from evsdr.rig.led_xml import spectrum_xml
 
 WAVELENGTH_NM = np.arange(360.0, 831.0, 10.0)
 N_WEIGHT = 7

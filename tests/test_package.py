@@ -30,7 +30,7 @@ def test_import_is_cheap(module):
     assert _run(code, REPOSITORY, {}) == ""
 
 
-DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export", "batch")
+DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export", "batch", "new_scene")
 
 
 @pytest.mark.parametrize("door", DOORS)

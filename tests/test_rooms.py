@@ -19,7 +19,7 @@ FLOORS = (
     ("commands", "scenes", "door"),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export", "batch")
+DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export", "batch", "new_scene")
 ONLY_IN = {
     "mitsuba": ("light", "integrators", "jit"),
     "tyro": ("commands",),
