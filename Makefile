@@ -5,8 +5,9 @@ DEMO = out/demo
 PY = .venv/bin/python
 PIP = $(PY) -m pip --disable-pip-version-check
 PINNED = -qq -c .ci/constraints.txt
+GALLERY ?= 1
 
-.PHONY: help demo test benchmark firmware bench clean
+.PHONY: help demo test benchmark docs firmware bench clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -21,6 +22,9 @@ test: .venv/.ready-test  ## run all tests
 benchmark: .venv/.ready-test  ## measure accuracy and speed
 	$(PY) -m experiments.benchmark
 
+docs: .venv/.ready-docs  ## build the documentation, build/docs/index.html; GALLERY=0 leaves its scripts unrun
+	$(PY) -m sphinx -qW --keep-going -D plot_gallery=$(GALLERY) -d build/doctrees docs build/docs
+
 firmware:  ## build the ring's firmware; firmware/README.md tells how to flash it
 	@$(call GET_AVR,command -v avr-gcc)
 	$(MAKE) -C firmware
@@ -30,7 +34,7 @@ bench: .venv/.ready  ## run the firmware on a simulated chip: timing, light, saf
 	$(PY) -m experiments.bench
 
 clean:  ## remove the environment, the demo's results and what builds leave
-	rm -rf .venv $(DEMO) firmware/build build evsdr.egg-info .pytest_cache
+	rm -rf .venv $(DEMO) firmware/build build docs/made evsdr.egg-info .pytest_cache
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/.ready: pyproject.toml .ci/constraints.txt
@@ -46,6 +50,10 @@ clean:  ## remove the environment, the demo's results and what builds leave
 
 .venv/.ready-test: .venv/.ready
 	$(PIP) install $(PINNED) --no-build-isolation --editable '.[test]'
+	@touch $@
+
+.venv/.ready-docs: .venv/.ready
+	$(PIP) install $(PINNED) --no-build-isolation --editable '.[docs]'
 	@touch $@
 
 # What Mitsuba loads, where apt has it: installed for root, else libLLVM unpacked into .venv/llvm.
