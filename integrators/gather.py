@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from evsdr.integrators.leds import Leds
+from evsdr.integrators.rays import fineness, spawn, spawn_to
 
 SEQUENCE = 0.7548776662466927, 0.5698402909980532  # additive recurrence of low discrepancy in the unit square
 NEAR_ENOUGH = 3.0  # pixels between a point that a ray hits and what the camera sees there
@@ -68,7 +69,7 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
     list of mi.Float, (n_led) of width n_pixel
         Irradiance by way of other surfaces, in the unit of the direct one.
     """
-    n_pixel = dr.width(surface.place)
+    n_pixel, fine = dr.width(surface.place), fineness(scene)
     frame = mi.Frame3f(surface.normal)
     mean = _mean_reflectance(surface)
     node = [mi.Spectrum(n) for n in leds.node_nm.tolist()]
@@ -84,7 +85,7 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
     def body(k, *total):
         place = shift + mi.Float(k) * mi.Point2f(*SEQUENCE)
         local = mi.warp.square_to_cosine_hemisphere(place - dr.floor(place))
-        ray = surface.place.spawn_ray(frame.to_world(local))
+        ray = spawn(surface.place, frame.to_world(local), fine)
         ray.o += skip * ray.d
         # fitted normals can look below the geometry's horizon
         above = surface.known & (dr.dot(front, ray.d) > 0)
@@ -105,7 +106,7 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
             f_cos = dr.sum(reflected * weight[leds.band[j]]) * dr.pi
             of_mean = mean[leds.band[j]] * dr.maximum(dr.dot(facing, ds.d), 0.0)
             strength = float(leds.power[j]) * geometry * dr.select(own, of_mean, f_cos)
-            toward = si.spawn_ray(ds.d) if leds.is_far(j) else si.spawn_ray_to(ds.p)
+            toward = spawn(si, ds.d, fine) if leds.is_far(j) else spawn_to(si, ds.p, fine)
             open_ = lit & (strength > 0) & ~scene.ray_test(toward, False, lit & (strength > 0))
             value = dr.select(open_, strength, 0.0) + dr.gather(mi.Float, signal[j], pixel, seen)
             out.append(sent + value)

@@ -41,6 +41,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from evsdr.integrators.leds import Leds, emitter_id, find_leds, power_factor
+from evsdr.integrators.rays import fineness, spawn, spawn_to
 from evsdr.integrators.values import is_of_led, is_of_scene, values_of
 
 from evsdr.model.illumination import Illumination
@@ -134,14 +135,14 @@ class RingIntegrator(mi.SamplingIntegrator):
         list of mi.Float, (n_led) of width H * W
             Signals without the constant light.
         """
-        leds = self.leds(scene)
+        leds, fine = self.leds(scene), fineness(scene)
 
         def measure(si, ray, rng, active):
-            return self._path_signals(scene, leds, si, ray, rng, active)
+            return self._path_signals(scene, leds, fine, si, ray, rng, active)
 
         return pixel_mean(scene, sensor, spp, seed, leds.n_led, measure)
 
-    def _path_signals(self, scene, leds, si, ray, rng, active):
+    def _path_signals(self, scene, leds, fine, si, ray, rng, active):
         """Signals of one camera ray: at every surface point of its path each LED is sampled."""
         context = mi.BSDFContext()
         node = [mi.Spectrum(n) for n in leds.node_nm.tolist()]
@@ -160,7 +161,7 @@ class RingIntegrator(mi.SamplingIntegrator):
                 si.wavelengths = node[leds.band[j]]
                 f_cos = bsdf.eval(context, si, si.to_local(ds.d), active & (geometry > 0))
                 reflected = dr.sum(f_cos * throughput[leds.band[j]])
-                lit = visible(scene, si, ds, active & (geometry * reflected > 0))
+                lit = visible(scene, si, ds, active & (geometry * reflected > 0), fine)
                 signal[j] += dr.select(lit, float(leds.power[j]) * dr.pi * geometry * reflected, 0.0)
             if depth + 1 == self.max_depth:
                 break
@@ -171,7 +172,7 @@ class RingIntegrator(mi.SamplingIntegrator):
                 si.wavelengths = node[b]
                 bs, weight = bsdf.sample(context, si, choice, direction, active)
                 throughput[b] *= weight
-            ray = si.spawn_ray(si.to_world(bs.wo))
+            ray = spawn(si, si.to_world(bs.wo), fine)
             active &= bs.pdf > 0
             si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=False, active=active)
             active &= si.is_valid()
@@ -206,6 +207,7 @@ class RingIntegrator(mi.SamplingIntegrator):
         far = [leds.is_far(j) for j in range(leds.n_led)]
         target = find_object(scene)
         free = dr.opaque(mi.Float, skip) if skip > 0 else None  # no kernel holds its length
+        fine = fineness(scene)
 
         def measure(si, ray, rng, active):
             active = active & si.is_valid() & (si.shape == target)
@@ -218,7 +220,7 @@ class RingIntegrator(mi.SamplingIntegrator):
                 if shadows:
                     # what faces away from an LED is dark by its normal: it counts for no shadow
                     facing = dr.select(active, dr.maximum(dr.dot(si.sh_frame.n, ds.d), 0.0), 0.0)
-                    lit = visible(scene, si, ds, active & (facing > 0), free, far[j])
+                    lit = visible(scene, si, ds, active & (facing > 0), fine, free, far[j])
                     values += [dr.select(lit, facing, 0.0), facing]
                 if not far[j]:
                     arriving = rotate(frame, mean_vector(leds, j, si, active))
@@ -346,12 +348,12 @@ def seen(leds: Leds, j: int, si, active) -> mi.Float:
     return dr.select(front, 1.0, 0.0)
 
 
-def visible(scene, si, ds, active, skip=None, far=False) -> mi.Bool:
+def visible(scene, si, ds, active, fine=None, skip=None, far=False) -> mi.Bool:
     """Trace a shadow ray from a surface point to a sampled LED; stretches `skip` at both ends are free.
 
     To a far one its direction is enough: Mitsuba's point hangs on the size of the scene, which kernels would hold.
     """
-    ray = si.spawn_ray(ds.d) if far else si.spawn_ray_to(ds.p)
+    ray = spawn(si, ds.d, fine) if far else spawn_to(si, ds.p, fine)
     if skip is not None:
         ray.o += mi.Vector3f(dr.sign(dr.dot(si.n, si.to_world(si.wi))) * si.n) * (0.25 * skip) + skip * ds.d
         ray.maxt -= 2 * skip  # as it starts later, and lest it reaches the LED's own shape

@@ -13,6 +13,7 @@ from evsdr.errors import InputError, check_memory
 from evsdr.files.kind import XML, other_kind
 from evsdr.integrators.leds import Leds, emitter_id
 from evsdr.integrators.ring import RingIntegrator, find_object
+from evsdr.light.clip_planes import open_clip_planes
 from evsdr.light.scene_file import check_scene_file, known_plugins
 from evsdr.model.arrays import owned
 
@@ -122,6 +123,7 @@ def load_scene(path: str | Path | dict, define: dict[str, str] | None = None) ->
     if not constant_light >= 0 or not np.isfinite(constant_light):
         raise InputError(f"{path}: constant_light is {constant_light:g}; it must be 0 or more.")
     _check_places(path, sensor, leds)
+    open_clip_planes(sensor, scene.bbox())
     return RingScene(path, scene, integrator, sensor, leds, height, width, constant_light)
 
 
