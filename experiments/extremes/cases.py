@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from evsdr import EventPixel, Recording, Schedule, Settings
-from evsdr.events.record import ring_schedule
 
 from .scenes import Scene
 
@@ -48,9 +47,8 @@ class Case:
     def schedule(self) -> Schedule:
         """Give which LED is lit when."""
         n, every = self.scene.n_led, self.dark_every
-        plain = ring_schedule(n)
         order = [led for j in range(n) for led in ((-1, j) if every and j % every == 0 else (j,))]
-        return replace(plain, order=np.array(order, np.int32), slot_us=self.slot_us)
+        return Schedule(np.array(order, np.int32), self.slot_us, crossfade=1.0)
 
     def alter(self, recording: Recording) -> Recording:
         """Move the times, and leave out events."""

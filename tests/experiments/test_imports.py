@@ -18,6 +18,7 @@ MEASURED = {
     "colour_chart": {"files.daylight"},
     "daylight_table.py": {"files.daylight"},
     "diligent_ball": {"files.photographs"},
+    "extremes": {"jit"},  # which Mitsuba's transformations need first
     "fuzz": {"files", "rig", "calibration", "jit"},
     "gloss": {"fitting.simulation", "light"},  # adds a lobe to rendered images
     "limit": {"limits", "jit", "events", "model", "solve"},  # fits single pixels under the model's own light
