@@ -158,7 +158,7 @@ class Pose:
     """Image (PNG or .npy) of the object's silhouette."""
     maps: Path | None = None
     """maps.npz whose normals refine the pose; not for a pose that judges these normals."""
-    unit: float = 1.0
+    unit: Annotated[float, tyro.conf.arg(aliases=["--model-unit"])] = 1.0
     """Scene units per unit of the model."""
     center_z: float = 0.0
     """How far the model's middle lies from the scene's origin toward the camera, to start from [scene

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from evsdr import __version__, jit
 from evsdr.commands.console import print_table, run_command
+from evsdr.commands.pixel import Pixel
 from evsdr.errors import InputError, check_range, parse_definitions
 from evsdr.events.pixel import EventPixel
 from evsdr.files.atomic import atomic_folder, check_folder
@@ -28,14 +29,10 @@ class Options:
     """Scene file: camera, LEDs, object."""
     out: Path | None = None
     """Folder for bound.png and design.json; by default out/design_NAME, named after the scene."""
-    noise: float = 0.1
-    """Relative standard deviation of the thresholds from one event to the next."""
-    threshold_on: float = EventPixel.contrast_threshold_on
-    """Contrast threshold of ON events, of natural log intensity."""
-    threshold_off: float = EventPixel.contrast_threshold_off
-    """Contrast threshold of OFF events."""
-    refractory_us: float = EventPixel.refractory_us
-    """Time after an event until the reference is memorised anew [us]."""
+    pixel: Pixel = Pixel()
+    """The event pixel; by default that of an EVK4."""
+    ideal: bool = False
+    """Leave out spread, lag and shot noise; thresholds, event noise and refractory period stay."""
     rounds: int = 6
     """Rounds of the ring."""
     order: tuple[int, ...] | None = None
@@ -104,7 +101,6 @@ def check_options(options: Options) -> EventPixel:
     for name, least in (("rounds", 1), ("spp", 1), ("seed", 0)):
         check_range(f"--{name}", getattr(options, name), least)
     for name, value, right, what in (
-        ("noise", options.noise, 0 < options.noise < np.inf, "a number above 0"),
         ("slot-us", options.slot_us, 0 < options.slot_us < np.inf, "a time above 0"),
         ("leds-told-to", options.leds_told_to, 0 <= options.leds_told_to < 45, "degrees, 0 to 45"),
         ("crossfade", options.crossfade, 0 <= options.crossfade <= 1, "a number from 0 to 1"),
@@ -113,12 +109,10 @@ def check_options(options: Options) -> EventPixel:
     ):
         if not right:
             raise InputError(f"--{name} is {value:g}; give {what}.")
-    return EventPixel(
-        options.threshold_on,
-        options.threshold_off,
-        event_noise=options.noise,
-        refractory_us=options.refractory_us,
-    ).idealised()
+    pixel = options.pixel.idealised() if options.ideal else options.pixel
+    if not (pixel.event_noise > 0 or pixel.photon_rate_per_us > 0):
+        raise InputError("--event-noise is 0, so nothing would limit the events; give a number above 0.")
+    return pixel
 
 
 def make_schedule(options: Options, n_led: int) -> Schedule:

@@ -5,7 +5,7 @@ From Python see `evsdr.rig.driver`.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
@@ -47,7 +47,7 @@ class Options:
     """Switch on the constant light while the ring runs."""
     sync_slots: bool = False
     """Give an edge at each slot on the second trigger output."""
-    log: Path = Path("ring.json")
+    log: Annotated[Path, tyro.conf.arg(aliases=["--out"])] = Path("ring.json")
     """Where run writes what was lit when."""
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import tyro
 
 from evsdr.commands.console import print_table, run_command
+from evsdr.commands.pixel import Pixel
 from evsdr.errors import InputError, check_range, parse_definitions
-from evsdr.events.pixel import EventPixel
 from evsdr.files.atomic import atomic_folder, check_folder
 from evsdr.progress import Stages
 
@@ -39,7 +39,7 @@ class Options:
     """Brightness of each LED relative to what the scene says, 0 to 1; by default all 1."""
     led_rise_us: float = 0.0
     """Time constant of an LED's light [us]."""
-    pixel: EventPixel = EventPixel()
+    pixel: Pixel = Pixel()
     """The event pixel; by default that of an EVK4."""
     ideal: bool = False
     """Leave out spread, lag, shot noise, leak and hot pixels; thresholds, event noise and refractory period

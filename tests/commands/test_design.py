@@ -77,8 +77,8 @@ def test_what_it_prints_and_draws(place, capsys):
 
 def test_the_bound_is_summed_up_over_the_object(place):
     """A sphere fills pi / (4 x 1.4^2 x 3/4) of the film; noise and rounds do to sigma what they should."""
-    assert run("--out", "one", "--noise", 0.05, "--rounds", 3) == 0
-    assert run("--out", "noisy", "--noise", 0.15, "--rounds", 3) == 0
+    assert run("--out", "one", "--ideal", "--event-noise", 0.05, "--rounds", 3) == 0
+    assert run("--out", "noisy", "--ideal", "--event-noise", 0.15, "--rounds", 3) == 0
     one, noisy = (results(place / name)["bound"] for name in ("one", "noisy"))
     assert 0.6 < one["pixels"] / (WIDTH * HEIGHT * np.pi / (4 * 1.4**2 * 0.75)) < 1
     assert one["pairs_per_pixel"] > 5
@@ -121,8 +121,8 @@ def test_gloss_that_no_polar_angle_avoids(place, capsys):
 @pytest.mark.parametrize(
     ("argv", "named"),
     [
-        (["--noise", 0], "--noise"),
-        (["--noise", "nan"], "--noise"),
+        (["--ideal", "--noise", 0], "--event-noise"),
+        (["--noise", "nan"], "event_noise"),
         (["--rounds", 0], "--rounds"),
         (["--slot-us", 0], "--slot-us"),
         (["--crossfade", 1.5], "--crossfade"),
