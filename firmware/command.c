@@ -6,15 +6,18 @@
 
 #include "light.h"
 #include "link.h"
+#include "supply.h"
 
-_Static_assert(MAX_SLOTS + 16 <= MAX_LINE && 2 * N_LED + 16 <= MAX_LINE, "lines are too short");
+_Static_assert(2 * N_LED + 16 <= MAX_LINE, "lines are too short");
 
-enum error { OK, CHECKSUM, TOO_LONG_LINE, UNKNOWN, ARGUMENT, BUSY, NEIGHBOURS };
+enum error { OK, CHECKSUM, TOO_LONG_LINE, UNKNOWN, ARGUMENT, BUSY, NEIGHBOURS, SUPPLY };
 
 static const char error_words[][20] PROGMEM = {
     "", "checksum", "line too long", "unknown command", "bad argument", "busy", "neighbours in order",
+    "supply is low",
 };
-static const char cause_words[][6] PROGMEM = {"none", "done", "stop", "alive", "limit", "late"};
+static const char cause_words[][7] PROGMEM = {"none", "done", "stop", "alive", "limit", "late", "supply"};
+static const char reset_words[][7] PROGMEM = {"power", "button", "hang", "supply"};
 
 static uint16_t run_checksum; /* of the line that began the run */
 
@@ -54,14 +57,30 @@ static enum error set_slot(char *text) {
     return OK;
 }
 
-static enum error set_order(char *text) {
-    uint8_t n = strlen(text);
-    if (n < 1 || n > MAX_SLOTS) return ARGUMENT;
+/* Read an LED: A to Z, then a to v. */
+static bool read_led(char c, uint8_t *led) {
+    *led = c == '.' ? NONE : c >= 'a' ? c - 'a' + 26 : c - 'A';
+    return c == '.' || (*led < N_LED && (c >= 'a' || c <= 'Z'));
+}
+
+/* Set the order from a slot on; it ends there. */
+static enum error set_slots(uint16_t from, const char *text) {
+    uint8_t n = strlen(text), led;
+    if (n < 1 || from + n > MAX_SLOTS) return ARGUMENT;
     for (uint8_t i = 0; i < n; i++)
-        if (text[i] != '.' && (text[i] < 'A' || text[i] >= 'A' + N_LED)) return ARGUMENT;
-    for (uint8_t i = 0; i < n; i++) settings.order[i] = text[i] == '.' ? NONE : text[i] - 'A';
-    settings.n_slot = n;
+        if (!read_led(text[i], &led)) return ARGUMENT;
+    for (uint8_t i = 0; i < n; i++) read_led(text[i], &settings.order[from + i]);
+    settings.n_slot = from + n;
     return OK;
+}
+
+static enum error set_order(char *text) { return set_slots(0, text); }
+
+/* A line is too short for the longest orders. */
+static enum error set_more(char *text) {
+    uint32_t from;
+    if (!read_number(&text, settings.n_slot, &from) || from < 1) return ARGUMENT;
+    return set_slots(from, text);
 }
 
 static enum error set_trim(char *text) {
@@ -70,6 +89,13 @@ static enum error set_trim(char *text) {
         if (read_hex(text[i]) < 0) return ARGUMENT;
     for (uint8_t led = 0; led < N_LED; led++, text += 2)
         settings.trim[led] = read_hex(text[0]) << 4 | read_hex(text[1]);
+    return OK;
+}
+
+static enum error set_alive(char *text) {
+    uint32_t ms;
+    if (!read_last(text, MAX_ALIVE_MS, &ms) || ms < MIN_ALIVE_MS) return ARGUMENT;
+    settings.alive_ms = ms;
     return OK;
 }
 
@@ -87,6 +113,7 @@ static enum error set_sync(char *text) {
 static enum error set_light(char *text) {
     uint32_t on;
     if (!read_last(text, 1, &on)) return ARGUMENT;
+    if (on && supply_is_low()) return SUPPLY;
     light_constant(on);
     return OK;
 }
@@ -98,6 +125,7 @@ static enum error run(char *text) {
     if (light_is_running()) /* the same line again: its answer was lost */
         return link_checksum() == run_checksum ? OK : BUSY;
     if (!light_order_fades()) return NEIGHBOURS;
+    if (supply_is_low()) return SUPPLY;
     light_start();
     run_checksum = link_checksum();
     return OK;
@@ -125,7 +153,7 @@ static void tell_hello(void) {
     tell(PSTR("protocol"), PROTOCOL);
     tell(PSTR("leds"), N_LED);
     tell(PSTR("slots"), MAX_SLOTS);
-    tell(PSTR("alive_ms"), ALIVE_MS);
+    tell(PSTR("alive_ms"), settings.alive_ms);
     tell(PSTR("max_on_us"), MAX_ON_US);
 }
 
@@ -157,6 +185,7 @@ static const struct command {
     {"TRIM", true, set_trim, tell_nothing},     {"ROUNDS", true, set_rounds, tell_nothing},
     {"SYNC", true, set_sync, tell_nothing},     {"LIGHT", false, set_light, tell_nothing},
     {"RUN", false, run, tell_nothing},          {"STOP", false, stop, tell_nothing},
+    {"MORE", true, set_more, tell_nothing},     {"ALIVE", false, set_alive, tell_nothing},
 };
 #define N_COMMAND (sizeof commands / sizeof *commands)
 
@@ -197,10 +226,12 @@ static void answer(char *text) {
     refuse(number, UNKNOWN);
 }
 
-void command_boot(uint8_t reset_flags) {
+void command_boot(enum reset cause) {
     link_words(PSTR("# BOOT " FIRMWARE));
     tell(PSTR("protocol"), PROTOCOL);
     tell(PSTR("reset"), reset_flags);
+    link_words(PSTR(" cause="));
+    link_words(reset_words[cause]);
     link_end();
 }
 

@@ -2,12 +2,12 @@
 #ifndef COMMAND_H
 #define COMMAND_H
 
-#include <stdint.h>
+#include "reset.h"
 
 #define PROTOCOL 1
-#define FIRMWARE "evsdr-ring-1.0"
+#define FIRMWARE "evsdr-ring-1.1"
 
-void command_boot(uint8_t reset_flags); /* tell that the ring has started */
+void command_boot(enum reset cause); /* tell that the ring has started */
 void command_poll(void);                /* answer the next line, if one has come */
 
 #endif

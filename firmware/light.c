@@ -17,7 +17,9 @@
 #include <avr/interrupt.h>
 #include <util/atomic.h>
 
+#include "currents.h"
 #include "pins.h"
+#include "reset.h"
 
 #define PERIOD 256      /* cycles of a carrier period */
 #define TOP (PERIOD - 1)
@@ -25,19 +27,13 @@
 #define HALF 0x800000UL /* half a cycle, in the 8.24 numbers of a fade */
 #define PULSE 6         /* periods that a trigger lasts */
 #define TIMER2_LAG 2    /* cycles between the starts of timers 1 and 2 */
+#define CHIPS ((N_LED / 2 + 7) / 8) /* of 8 outputs, in each chain */
 
 #define PWM_ON (_BV(WGM11) | _BV(COM1A1) | _BV(COM1B1))
 #define FORCE_HIGH (_BV(COM1A1) | _BV(COM1A0) | _BV(COM1B1) | _BV(COM1B0))
 #define ROUND_SETS (_BV(COM2A1) | _BV(COM2A0))
 #define SLOT_SETS (_BV(COM2B1) | _BV(COM2B0))
 #define BOTH_CLEAR (_BV(COM2A1) | _BV(COM2B1))
-
-/* What one chain does in a slot. */
-struct course {
-    uint32_t lit, step; /* 8.24: lit cycles of the period before the fade moves on, and their change */
-    uint16_t first;     /* compare value of period 0, */
-    uint8_t second;     /* and of the periods from 1 to the fade */
-};
 
 struct settings settings;
 
@@ -51,12 +47,22 @@ uint16_t carrier_first[2], carrier_second[2]; /* compare values of the next slot
 uint16_t carrier_top;                         /* of its first period */
 uint8_t carrier_edges;                        /* bits of TCCR2A that set the triggers at its start */
 
-/* What an LED can do in a slot, reckoned before a run. */
-static struct course rise[N_LED], fall[N_LED], hold[N_LED];
-static const struct course dark = {HALF, 0, NEVER, TOP};
+/* What a chain does in a slot, up to the fade: compare values of its first period and of those that follow. */
+struct course {
+    uint32_t lit; /* 8.24: lit cycles of a period, before the fade moves on */
+    uint16_t first;
+    uint8_t second;
+};
+
+/* What an LED can do, reckoned before a run; only one holds in a slot. */
+static struct course rise[N_LED], fall[N_LED];
+static uint32_t rise_step[N_LED]; /* 8.24, per period; an LED falls as it rises */
+static struct course held_on;
+static const struct course dark = {HALF, NEVER, TOP};
 
 /* The next slot; index 0 is the even chain, 1 the odd one. */
 static const struct course *next_course[2];
+static uint32_t next_step[2];
 static enum cause next_end; /* why the run is over, and this slot dark */
 static uint16_t busy, fade_from, last; /* periods of a slot: with more to do next; before the fade; the last */
 static uint16_t left_seen;
@@ -72,14 +78,14 @@ static uint32_t rounds_left, rounds_done;
 static bool counted; /* the first round has begun */
 static uint8_t timer2_phase;
 
-static uint8_t after(uint8_t index) { return index + 1 == settings.n_slot ? 0 : index + 1; }
+static uint8_t after(uint8_t index) { return index + 1U == settings.n_slot ? 0 : index + 1; }
 
 /* ---- shift registers ------------------------------------------------------------------------------ */
 
 /* Shift in a pattern with one LED in each chain, or NONE; LED n is output n / 2. */
 static void shift(uint8_t even, uint8_t odd) {
     even >>= 1, odd >>= 1;
-    for (uint8_t output = 16; output--;) {
+    for (uint8_t output = 8 * CHIPS; output--;) {
         uint8_t data = 0;
         if (output == even) data |= DATA_EVEN;
         if (output == odd) data |= DATA_ODD;
@@ -100,12 +106,20 @@ static uint16_t first_compare(uint8_t lit) {
     return lit ? TOP + settings.extra - (lit + (((uint16_t)lit * settings.extra) >> 8)) : NEVER;
 }
 
-static uint8_t second_compare(uint32_t lit) { return TOP - (uint8_t)(lit >> 24); }
+/* Give the course of lit cycles in 8.24. */
+static struct course course(uint32_t lit, uint32_t first, uint32_t second) {
+    return (struct course){
+        lit + HALF, first_compare((first + HALF) >> 24), TOP - (uint8_t)((second + HALF) >> 24)};
+}
 
-/* Reckon how an LED goes from dark to `duty` and back. Each period has the value of its middle. */
+/* Lit cycles of a period in which an LED is fully on. */
+static uint8_t duty(uint8_t led) {
+    return (uint16_t)settings.trim[led] * (pgm_read_byte(&most_current[led]) + 1) >> 8;
+}
+
+/* Reckon how an LED goes from dark to its duty and back. Each period has the value of its middle. */
 static void reckon(uint8_t led) {
-    uint8_t duty = settings.trim[led];
-    uint32_t full = (uint32_t)duty << 24, step = duty * settings.fade_rate;
+    uint32_t full = (uint32_t)duty(led) << 24, step = duty(led) * settings.fade_rate;
     uint32_t lit = 0 - step / 2, first = 0, second = 0;
     if (settings.n_fade + 1 >= settings.n_period) { /* the fade is under way in period 1 */
         lit = step / 2;
@@ -116,12 +130,15 @@ static void reckon(uint8_t led) {
         }
         second = lit;
     }
-    rise[led] = (struct course){
-        HALF + lit, step, first_compare((first + HALF) >> 24), second_compare(second + HALF)};
-    fall[led] = (struct course){
-        HALF + full - lit, -step,
-        first_compare((full - first + HALF) >> 24), second_compare(full - second + HALF)};
-    hold[led] = (struct course){HALF + full, 0, first_compare(duty), TOP - duty};
+    rise[led] = course(lit, first, second);
+    fall[led] = course(full - lit, full - first, full - second);
+    rise_step[led] = step;
+}
+
+static const struct course *hold(uint8_t led) {
+    uint8_t lit = duty(led);
+    held_on = (struct course){HALF + ((uint32_t)lit << 24), first_compare(lit), TOP - lit};
+    return &held_on;
 }
 
 /* ---- one slot ahead --------------------------------------------------------------------------------- */
@@ -135,18 +152,18 @@ static bool over_limit(uint8_t chain, uint8_t led) {
     return led != NONE && ++on_slots[chain] > most_slots;
 }
 
-static void set_course(uint8_t chain, const struct course *course, bool late) {
+static inline void set_course(uint8_t chain, const struct course *course) {
     next_course[chain] = course;
-    carrier_first[chain] = late ? NEVER : course->first;
+    carrier_first[chain] = course->first;
     carrier_second[chain] = course->second;
 }
 
 /* Prepare the next slot and shift in its LEDs. */
 static void prepare(void) {
     uint8_t from = settings.order[index_next], to, wanted[2] = {NONE, NONE}, lit[2] = {NONE, NONE};
+    const struct course *course[2] = {&dark, &dark};
 
-    set_course(0, &dark, false);
-    set_course(1, &dark, false);
+    next_step[0] = next_step[1] = 0;
     next_end = CAUSE_NONE;
     carrier_edges = settings.sync ? SLOT_SETS : 0;
     if (index_next == 0) {
@@ -158,22 +175,28 @@ static void prepare(void) {
     if (to != NONE) wanted[to & 1] = to;
     if (from != NONE) wanted[from & 1] = from;
     if (!next_end) {
-        bool fades = settings.n_fade && to != from;
-        if (fades && to != NONE) {
-            set_course(to & 1, &rise[to], false);
+        bool fading = settings.n_fade && to != from;
+        if (fading && to != NONE) {
+            course[to & 1] = &rise[to];
+            next_step[to & 1] = rise_step[to];
             lit[to & 1] = to;
         }
-        if (from != NONE) { /* an LED latched only now can't shine in period 0 */
-            set_course(from & 1, fades ? &fall[from] : &hold[from], held[from & 1] != from);
+        if (from != NONE) {
+            if (fading) next_step[from & 1] = -rise_step[from];
+            course[from & 1] = fading ? &fall[from] : hold(from);
             lit[from & 1] = from;
         }
         if (over_limit(0, lit[0]) | over_limit(1, lit[1])) {
-            set_course(0, &dark, false);
-            set_course(1, &dark, false);
+            course[0] = course[1] = &dark;
+            next_step[0] = next_step[1] = 0;
             carrier_edges = 0;
             next_end = CAUSE_LIMIT;
         }
     }
+    set_course(0, course[0]);
+    set_course(1, course[1]);
+    if (lit[0] == from && held[0] != from) carrier_first[0] = NEVER; /* latched only now */
+    if (lit[1] == from && held[1] != from) carrier_first[1] = NEVER;
     held[0] = wanted[0], held[1] = wanted[1];
     shift(wanted[0], wanted[1]);
     __asm__ volatile("" ::: "memory"); /* all of it is written */
@@ -194,7 +217,7 @@ static void begin_slot(void) {
     expect(0, 1, EVENT_SECOND);
     for (uint8_t chain = 0; chain < 2; chain++) {
         carrier_lit[chain] = next_course[chain]->lit;
-        carrier_step[chain] = next_course[chain]->step;
+        carrier_step[chain] = next_step[chain];
     }
     carrier_fades = fade_from == 0;
     timer2_phase += settings.extra;
@@ -256,6 +279,7 @@ void light_init(void) {
     TCCR0B = _BV(CS01) | _BV(CS00);
     for (uint8_t led = 0; led < N_LED; led++) settings.order[led] = led, settings.trim[led] = 255;
     settings.n_slot = N_LED;
+    settings.alive_ms = ALIVE_MS;
     light_slot(10000, 1000000);
 }
 
@@ -277,7 +301,7 @@ void light_slot(uint32_t slot_us, uint32_t fade_ppm) {
 
 bool light_order_fades(void) {
     if (settings.n_fade)
-        for (uint8_t i = 0; i < settings.n_slot; i++) {
+        for (uint16_t i = 0; i < settings.n_slot; i++) {
             uint8_t from = settings.order[i], to = settings.order[after(i)];
             if (from != to && from != NONE && to != NONE && !((from ^ to) & 1)) return false;
         }
@@ -350,14 +374,17 @@ void light_constant(bool on) {
         PORTD &= ~LIGHT;
 }
 
-void light_alive(void) { alive_ms = ALIVE_MS + 1; }
+void light_off(enum cause why) {
+    light_constant(false);
+    if (running) light_dark(why);
+}
+
+void light_alive(void) { alive_ms = settings.alive_ms + 1; }
 
 ISR(TIMER0_COMPA_vect) {
     ticked = true;
-    if (alive_ms && --alive_ms == 0) {
-        light_constant(false);
-        if (running) light_dark(CAUSE_ALIVE);
-    }
+    if (reset_uncalmed_ms < 255) reset_uncalmed_ms++;
+    if (alive_ms && --alive_ms == 0) light_off(CAUSE_ALIVE);
 }
 
 bool light_is_running(void) { return running; }

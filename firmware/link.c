@@ -5,8 +5,12 @@
 #include <avr/io.h>
 #include <util/crc16.h>
 
+#include "reset.h"
+
 #define ROOM 128 /* bytes, a power of 2 */
 #define CRC_START 0xFFFF
+#define DEAF (_BV(RXEN0) | _BV(TXEN0))
+#define HEARS (DEAF | _BV(RXCIE0))
 
 static volatile uint8_t waiting[ROOM];
 static volatile uint8_t head, tail;
@@ -15,17 +19,21 @@ static uint8_t length; /* MAX_LINE + 1: too long */
 static uint16_t line_crc, answer_crc = CRC_START;
 
 void link_init(void) {
+    UCSR0A = 0; /* a bootloader may have doubled the speed */
     UBRR0 = F_CPU / 16 / BAUD - 1;
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
-    UCSR0B = _BV(RXCIE0) | _BV(RXEN0) | _BV(TXEN0);
+    UCSR0B = HEARS;
 }
 
-/* A byte for which there is no room is lost, and with it the line: its checksum fails. */
+/* A byte for which there is no room is lost, and with it the line: its checksum fails. Bytes are then not
+ * heard until the program has read the others, so that a flood does not take all its time. */
 ISR(USART_RX_vect) {
     uint8_t byte = UDR0, then = (head + 1) & (ROOM - 1);
     if (then != tail) {
         waiting[head] = byte;
         head = then;
+    } else {
+        UCSR0B = DEAF;
     }
 }
 
@@ -68,12 +76,14 @@ enum received link_read(char **text) {
         *text = line;
         return LINE;
     }
+    if (link_is_idle()) UCSR0B = HEARS;
     return NOTHING;
 }
 
 uint16_t link_checksum(void) { return line_crc; }
 
 static void send(char c) {
+    reset_watch(); /* an answer has an end, but takes long in the shortest slots */
     while (!(UCSR0A & _BV(UDRE0)));
     UDR0 = c;
 }
@@ -91,12 +101,19 @@ void link_words(const char *flash_text) {
     for (char c; (c = pgm_read_byte(flash_text)); flash_text++) link_put(c);
 }
 
+/* By subtraction: the chip does not divide. */
 void link_number(uint32_t number) {
-    char digits[11], *d = digits + sizeof digits;
-    *--d = 0;
-    do *--d = '0' + number % 10;
-    while (number /= 10);
-    link_text(d);
+    static const uint32_t powers[] PROGMEM = {
+        1000000000, 100000000, 10000000, 1000000, 100000, 10000, 1000, 100, 10, 1,
+    };
+    bool begun = false;
+    for (uint8_t i = 0; i < sizeof powers / sizeof *powers; i++) {
+        uint32_t power = pgm_read_dword(&powers[i]);
+        char digit = '0';
+        for (; number >= power; number -= power) digit++;
+        begun |= digit > '0' || power == 1;
+        if (begun) link_put(digit);
+    }
 }
 
 void link_end(void) {

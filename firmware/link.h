@@ -7,7 +7,7 @@
 #include <stdint.h>
 
 #define BAUD 500000UL
-#define MAX_LINE 96 /* characters of a line without its end */
+#define MAX_LINE 128 /* characters of a line without its end */
 
 enum received { NOTHING, LINE, BAD_CHECKSUM, TOO_LONG };
 

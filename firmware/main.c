@@ -2,31 +2,28 @@
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
-#include <avr/wdt.h>
 
 #include "command.h"
 #include "light.h"
 #include "link.h"
-
-static uint8_t reset_flags __attribute__((section(".noinit")));
-
-/* Runs before everything else: after a reset by the watchdog it is still on. */
-void begin(void) __attribute__((naked, used, section(".init3")));
-void begin(void) {
-    reset_flags = MCUSR;
-    MCUSR = 0;
-    wdt_enable(WDTO_15MS);
-}
+#include "reset.h"
+#include "supply.h"
 
 int main(void) {
     light_init();
+    supply_init();
     link_init();
     set_sleep_mode(SLEEP_MODE_IDLE);
+    enum reset cause = reset_cause();
     sei();
-    command_boot(reset_flags);
+    command_boot(cause);
     for (;;) {
         command_poll();
-        if (light_is_well()) wdt_reset();
+        reset_watch();
+        if (supply_is_low()) {
+            reset_low_supply();
+            light_off(CAUSE_SUPPLY);
+        }
         cli();
         if (link_is_idle()) {
             sleep_enable();

@@ -5,6 +5,7 @@ with Ring(find_port()) as ring:
 """
 
 import contextlib
+import string
 import threading
 import time
 from collections.abc import Callable
@@ -16,18 +17,21 @@ import serial
 from serial.tools import list_ports
 
 from evsdr.errors import InputError
+from evsdr.rig.link import Heard, Link
 from evsdr.rig.log import RunLog
-from evsdr.rig.protocol import BAUD, BOOT_S, PROTOCOL, Link, RingLost, RingRefused
+from evsdr.rig.protocol import ALIVE_MS, BAUD, BOOT_S, PROTOCOL, Answer, RingLost, RingRefused
 from evsdr.signals import undisturbed
 
 N_LED = 24
-MAX_SLOTS = 64
+MOST_LEDS = 48
+MAX_SLOTS = 256
 SLOT_US = (200, 1_000_000)
 MAX_ROUNDS = 999_999_999
 MAX_ON_US = 2_000_000  # in a row; the firmware enforces it
 PERIOD = 256  # cycles of the carrier
 CYCLES_PER_US = 16
-ALIVE_S = 0.01  # between two keep-alives; the firmware waits for 40 ms
+ORDER_STEP = 96  # slots that a line of the protocol holds
+LETTERS = string.ascii_uppercase + string.ascii_lowercase  # of LEDs
 USB = {(0x2341, None), (0x2A03, None), (0x1A86, 0x7523), (0x0403, 0x6001)}  # Arduino, CH340, FTDI
 CAUSES = {"done": "done", "stop": "stopped", "none": "reset"}  # all others: the firmware's watchdog
 
@@ -39,7 +43,7 @@ class RingSettings:
     Attributes
     ----------
     order : tuple of int
-        LED of each slot of a round, 0 to 23, -1 for none; 64 slots at most. Neighbours that fade into each
+        LED of each slot of a round, -1 for none; 256 slots at most. Neighbours that fade into each
         other must lie on different chains, one even, one odd.
     slot_us : float
         Length of a slot [us], 200 to 1,000,000, in whole microseconds.
@@ -53,6 +57,8 @@ class RingSettings:
         Switch the constant light on.
     sync_slots : bool
         Give an edge per slot too.
+    n_led : int
+        LEDs of the ring, 48 at most.
 
     Raises
     ------
@@ -67,12 +73,15 @@ class RingSettings:
     trim: tuple[float, ...] = (1.0,) * N_LED
     constant_light: bool = False
     sync_slots: bool = False
+    n_led: int = N_LED
 
     def __post_init__(self):
+        if not 2 <= self.n_led <= MOST_LEDS or self.n_led % 2:
+            raise InputError(f"the ring has {self.n_led} LEDs; give an even number from 2 to {MOST_LEDS}.")
         if not 1 <= len(self.order) <= MAX_SLOTS:
             raise InputError(f"order has {len(self.order)} slots; give 1 to {MAX_SLOTS}.")
-        if not all(-1 <= led < N_LED for led in self.order):
-            raise InputError(f"order must list LEDs 0 to {N_LED - 1}, or -1 for none; correct it.")
+        if not all(-1 <= led < self.n_led for led in self.order):
+            raise InputError(f"order must list LEDs 0 to {self.n_led - 1}, or -1 for none; correct it.")
         if not SLOT_US[0] <= self.slot_us <= SLOT_US[1] or self.slot_us % 1:
             raise InputError(
                 f"slot_us is {self.slot_us:g}; give whole microseconds from {SLOT_US[0]} to {SLOT_US[1]}."
@@ -81,8 +90,8 @@ class RingSettings:
             raise InputError(f"crossfade is {self.crossfade:g}; give a fraction from 0 to 1.")
         if not 0 <= self.rounds <= MAX_ROUNDS:
             raise InputError(f"rounds is {self.rounds}; give 0 (until stopped) to {MAX_ROUNDS}.")
-        if len(self.trim) != N_LED or not all(0 <= value <= 1 for value in self.trim):
-            raise InputError(f"trim must hold {N_LED} numbers from 0 to 1, one per LED; correct it.")
+        if len(self.trim) != self.n_led or not all(0 <= value <= 1 for value in self.trim):
+            raise InputError(f"trim must hold {self.n_led} numbers from 0 to 1, one per LED; correct it.")
         if self.crossfade > 0:
             for k, (led, then) in enumerate(self._neighbours()):
                 if led != then and min(led, then) >= 0 and (led - then) % 2 == 0:
@@ -106,6 +115,13 @@ class RingSettings:
         starts = np.flatnonzero(np.diff(slots, prepend=-2))
         count = np.diff(starts, append=len(slots)) + (starts > 0) * (self.crossfade > 0)
         return float(self.slot_us * np.max(count[slots[starts] >= 0], initial=0))
+
+
+def order_commands(order: tuple[int, ...]) -> list[str]:
+    """Give the commands that set an order."""
+    text = "".join("." if led < 0 else LETTERS[led] for led in order)
+    more = [f"MORE {at} {text[at : at + ORDER_STEP]}" for at in range(ORDER_STEP, len(text), ORDER_STEP)]
+    return [f"ORDER {text[:ORDER_STEP]}", *more]
 
 
 def find_port() -> str:
@@ -133,8 +149,8 @@ def find_port() -> str:
 class Ring:
     """The ring at a port, as a context manager that always ends dark.
 
-    A thread keeps the ring alive while it is open: without it all goes dark within 50 ms. It needs the
-    interpreter every 10 ms, so let heavy computing wait, or do it in another process.
+    A process of its own keeps the ring alive while it is open: without it all goes dark within 50 ms. It ends with
+    this one.
 
     Parameters
     ----------
@@ -157,7 +173,7 @@ class Ring:
     def __init__(self, port: str):
         self.port, self.firmware, self.log = port, "", None
         self._settings: dict | None = None
-        self._closing, self._ended = threading.Event(), threading.Event()
+        self._ended = threading.Event()
         self._ended.set()
         self._start = 0.0
 
@@ -169,13 +185,15 @@ class Ring:
                 f"{self.port}: cannot be opened ({_reason(error)}); check the cable, or who else uses it."
             ) from error
         try:
-            self._link = Link(self._serial)
-            self._meet()
+            self._link = Link(self._serial, Heard(self._look_at, self._boot, lambda why: self._end("lost")))
+            try:
+                self._meet()
+            except BaseException:
+                self._link.close()
+                raise
         except BaseException:
             self._serial.close()
             raise
-        self._thread = threading.Thread(target=self._keep_alive, daemon=True)
-        self._thread.start()
         return self
 
     def __exit__(self, *_) -> None:
@@ -185,14 +203,15 @@ class Ring:
                 with contextlib.suppress(RingLost, RingRefused):
                     self._link.ask("LIGHT 0")
             finally:
-                self._closing.set()
-                self._thread.join()
+                self._link.close()
                 self._serial.close()
 
     def _meet(self) -> None:
         try:
             self._link.ask("STOP", BOOT_S)  # whatever it does: dark
             hello = self._link.ask("HELLO")
+            with contextlib.suppress(RingRefused):  # an older firmware has 40 ms
+                self._link.ask(f"ALIVE {ALIVE_MS}")
         except RingLost as error:
             raise InputError(
                 f"{self.port}: no ring answers there; check the port, and that the firmware is on it."
@@ -206,6 +225,7 @@ class Ring:
                 "flash the firmware that belongs to this evsdr."
             )
         self.firmware = f"{' '.join(hello.words)} protocol {version}"
+        self._room = hello.number("leds"), hello.number("slots")
 
     def _ask(self, command: str):
         try:
@@ -223,12 +243,18 @@ class Ring:
         Raises
         ------
         InputError
-            The ring refuses them or is lost.
+            The ring refuses them, has other LEDs, or is lost.
         """
+        if settings.n_led != self._room[0] or len(settings.order) > self._room[1]:
+            raise InputError(
+                f"{self.port}: the ring has {self._room[0]} LEDs and up to {self._room[1]} slots, not "
+                f"{settings.n_led} and {len(settings.order)}; correct trim and order, or flash another firmware."
+            )
         levels = [round(255 * value) for value in settings.trim]
         ppm = round(1e6 * settings.crossfade)
         slot = self._ask(f"SLOT {int(settings.slot_us)} {ppm}")
-        self._ask("ORDER " + "".join("." if led < 0 else chr(ord("A") + led) for led in settings.order))
+        for command in order_commands(settings.order):
+            self._ask(command)
         self._ask("TRIM " + "".join(f"{level:02X}" for level in levels))
         self._ask(f"ROUNDS {settings.rounds}")
         self._ask(f"SYNC {int(settings.sync_slots)}")
@@ -303,17 +329,13 @@ class Ring:
 
     # ---- watching over it ----------------------------------------------------------------------------
 
-    def _keep_alive(self) -> None:
-        while not self._closing.wait(ALIVE_S):
-            try:
-                status = self._link.ask("STATUS")
-            except RingRefused:
-                continue
-            except RingLost:
-                self._end("lost")
-                continue
-            if not self._ended.is_set():
-                self._look(status)
+    def _look_at(self, status: Answer) -> None:
+        if not self._ended.is_set():
+            self._look(status)
+
+    def _boot(self, words: str) -> None:
+        if not self._ended.is_set():
+            self._note(words)
 
     def _look(self, status) -> None:
         """Learn from a status how the run goes."""
@@ -329,7 +351,8 @@ class Ring:
     def _end(self, ended: str, cause: str = "") -> None:
         if self._ended.is_set():
             return
-        self._note(f"{ended} ({cause})" if ended == "watchdog" else ended)
+        silence = f", {self._link.silence_ms:.0f} ms without a line to it" if cause == "alive" else ""
+        self._note(f"{ended} ({cause}{silence})" if ended == "watchdog" else ended)
         self.log.ended = ended
         self._ended.set()
 

@@ -6,15 +6,13 @@ that was spoiled on its way is sent again; a command that comes twice does what 
 """
 
 import binascii
-import threading
-import time
 from dataclasses import dataclass
-
-import serial
 
 PROTOCOL = 1
 BAUD = 500_000
 LONGEST_LINE = 256  # of an answer; longer ones are garbage
+BEAT_S = 0.01  # between two lines that keep the ring alive
+ALIVE_MS = 49  # that the ring shall wait for one: dark within 50 ms
 REPEAT_S = 0.02  # without an answer a request is sent again
 LOST_S = 1.0  # after so long the ring is lost
 BOOT_S = 4.0  # an Arduino restarts when its port is opened, and may take so long
@@ -57,72 +55,21 @@ def unframe(line: bytes) -> str | None:
     return data.decode("ascii")
 
 
-class Link:
-    """Requests and answers over an open port; may be used from several threads.
+class Lines:
+    """Puts together the lines that come in pieces."""
 
-    Parameters
-    ----------
-    port : serial.Serial
-        Open, with a short timeout.
-    """
-
-    def __init__(self, port: serial.Serial):
-        self._port = port
-        self._lock = threading.Lock()
-        self._number = 0
+    def __init__(self):
         self._rest = b""
 
-    def ask(self, command: str, patience_s: float | None = None) -> Answer:
-        """Send a command until it is answered.
-
-        Parameters
-        ----------
-        command : str
-            Name and arguments.
-        patience_s : float, optional
-            When to give up [s]; by default after LOST_S.
-
-        Raises
-        ------
-        RingLost
-            No answer came.
-        RingRefused
-            The answer is ERR.
-        """
-        with self._lock:
-            self._number = self._number % 65535 + 1
-            line = frame(f"{self._number} {command}")
-            try:
-                return self._ask(line, str(self._number), LOST_S if patience_s is None else patience_s)
-            except (
-                serial.SerialException,
-                OSError,
-                TypeError,
-            ) as error:  # TypeError: closed by another thread
-                raise RingLost(f"the port has gone ({error})") from error
-
-    def _ask(self, line: bytes, number: str, patience_s: float) -> Answer:
-        end = time.monotonic() + patience_s
-        while time.monotonic() < end:
-            self._port.write(line)
-            repeat = min(time.monotonic() + REPEAT_S, end)
-            while time.monotonic() < repeat:
-                for text in self._read():
-                    who, _, words = text.partition(" ")
-                    if who == "-" and words.startswith("ERR"):
-                        repeat = 0.0  # a line was spoiled: again, at once
-                    elif who == number:
-                        return _parse(words)
-        raise RingLost("no answer comes")
-
-    def _read(self) -> list[str]:
-        """Give the whole lines that have come."""
-        *lines, self._rest = (self._rest + self._port.read(self._port.in_waiting or 1)).split(b"\n")
+    def take(self, data: bytes) -> list[str]:
+        """Give the texts of the lines that are whole now, but the spoiled ones."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
         self._rest = self._rest[-LONGEST_LINE:]
         return [text for text in map(unframe, lines) if text is not None]
 
 
-def _parse(words: str) -> Answer:
+def parse(words: str) -> Answer:
+    """Read the words of an answer; raises RingRefused where it is ERR."""
     status, *rest = words.split(" ")
     if status != "OK":
         raise RingRefused(words.removeprefix("ERR "))

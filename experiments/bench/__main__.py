@@ -11,7 +11,7 @@ import numpy as np
 
 from evsdr import InputError
 from evsdr.commands.console import print_table, run_command
-from evsdr.rig.driver import RingSettings
+from evsdr.rig.driver import RingSettings, order_commands
 from experiments.bench import fuzz, light, simulator
 from experiments.bench.darkness import ENDINGS, end_early
 
@@ -57,10 +57,9 @@ def command(options: Options, failed: list[str]) -> None:
 
 def run_settings(settings: RingSettings, folder: Path) -> light.Trace:
     """Run settings to the end on the bench, without a host."""
-    letters = "".join("." if led < 0 else chr(ord("A") + led) for led in settings.order)
     script = simulator.Script().ask(
         f"SLOT {int(settings.slot_us)} {round(1e6 * settings.crossfade)}",
-        f"ORDER {letters}",
+        *order_commands(settings.order),
         "TRIM " + "".join(f"{round(255 * value):02X}" for value in settings.trim),
         f"ROUNDS {settings.rounds}",
         f"SYNC {int(settings.sync_slots)}",

@@ -21,6 +21,7 @@ enum {
 };
 enum { COM_NONE, COM_TOGGLE, COM_CLEAR, COM_SET };
 enum { MODE_14 = 14, NORMAL = 0, STOPPED = 0, FULL_SPEED = 1 };
+enum { DIODE_MV = 500, LIT_MV = 1500 }; /* of a pin's clamp to its supply; below the latter no LED shines */
 
 const char *const signal_name[N_SIGNAL] = {
     "data_even", "data_odd", "clock", "latch", "oe_even", "oe_odd", "round", "slot", "light",
@@ -34,6 +35,7 @@ static const struct { int port, direction, bit, resting; } pins[N_SIGNAL] = {
 
 static void (*tell)(avr_cycle_count_t, enum signal, int);
 static int level[N_SIGNAL];
+static int chip_mv = 5000, leds_mv = 5000;
 static avr_int_vector_t *overflow;
 static struct {
     int running;
@@ -57,11 +59,18 @@ static void fail(const char *words) {
 
 /* ---- pins ------------------------------------------------------------------------------------------- */
 
+/* What a shift register reads: it wants 0.7 of its own supply for a high level (TLC5916 data sheet). */
+static int reads_high(int mv) { return leds_mv < LIT_MV || 10 * mv >= 7 * leds_mv; }
+
+/* A pull-up hangs on the shift registers' supply; the clamp of a pin holds it down when the chip has none. */
 static int read_pin(avr_t *avr, enum signal s) {
-    if (!(avr->data[pins[s].direction] >> pins[s].bit & 1)) return pins[s].resting;
-    if ((s == OE_EVEN || s == OE_ODD) && com1(avr, s - OE_EVEN)) return timer1.output[s - OE_EVEN];
-    if ((s == ROUND || s == SLOT) && com2(avr, s - ROUND)) return timer2.output[s - ROUND];
-    return avr->data[pins[s].port] >> pins[s].bit & 1;
+    int clamp = chip_mv + DIODE_MV;
+    if (!(avr->data[pins[s].direction] >> pins[s].bit & 1))
+        return pins[s].resting && reads_high(leds_mv < clamp ? leds_mv : clamp);
+    int high = avr->data[pins[s].port] >> pins[s].bit & 1;
+    if ((s == OE_EVEN || s == OE_ODD) && com1(avr, s - OE_EVEN)) high = timer1.output[s - OE_EVEN];
+    if ((s == ROUND || s == SLOT) && com2(avr, s - ROUND)) high = timer2.output[s - ROUND];
+    return high && reads_high(chip_mv);
 }
 
 int timers_level(enum signal signal) { return level[signal]; }
@@ -73,6 +82,11 @@ static void update(avr_t *avr, avr_cycle_count_t when, enum signal first, enum s
         level[s] = value;
         tell(when, s, value);
     }
+}
+
+void timers_supply(avr_t *avr, int chip, int leds) {
+    chip_mv = chip, leds_mv = leds;
+    update(avr, avr->cycle, 0, N_SIGNAL - 1);
 }
 
 static void on_port(struct avr_irq_t *irq, uint32_t value, void *avr) {

@@ -13,4 +13,7 @@ void timers_attach(avr_t *avr, void (*changed)(avr_cycle_count_t when, enum sign
 
 int timers_level(enum signal signal);
 
+/* What feeds the chip, and the shift registers with their LEDs [mV]. */
+void timers_supply(avr_t *avr, int chip_mv, int leds_mv);
+
 #endif

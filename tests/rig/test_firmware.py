@@ -55,7 +55,7 @@ SETTINGS = {
     "fade of one period": RingSettings(slot_us=208, rounds=10, crossfade=0.05),
     "trim": RingSettings(slot_us=1003, crossfade=0.4, rounds=2, trim=TRIM),
     "dark and repeated slots": RingSettings((0, -1, 2, 2, 3, -1, -1, 5, 4, -1), 1500, 1.0, 3, TRIM),
-    "64 slots": RingSettings(tuple(range(24)) + tuple(range(24)) + tuple(range(16)), 300, 0.5, 2),
+    "256 slots": RingSettings(10 * tuple(range(24)) + tuple(range(16)), 300, 0.5, 2),
 }
 
 
@@ -93,13 +93,24 @@ def test_light_stays_right_under_a_flood_of_garbage(tmp_path):
     assert max(light_error(trace, settings)) <= 0.005
 
 
-def test_a_ring_that_has_no_time_to_listen_goes_dark():
-    script = Script().ask("SLOT 200 1000000", "ROUNDS 0", "RUN")
-    for _ in range(15):  # no line ends, in the shortest slots, when the processor has the least time
-        script.add(f"send {(300 * b'x').hex()}", "wait 6600")
-    lines = script.add("send 0a", "wait 20000").ask("STATUS").run()
+@pytest.mark.parametrize(
+    "flood, end",
+    [
+        (b"x", "light=0 cause=alive"),  # no line ends
+        (b"x\n", "light=0 cause=alive"),  # all are spoiled
+        (frame("1 HELLO"), "light=0 cause=none"),  # each wants the longest answer
+    ],
+)
+def test_a_flood_in_the_shortest_slots_does_no_harm(flood, end):
+    script = Script().ask(
+        "SLOT 207 900000", "ROUNDS 0", "RUN"
+    )  # all of these the processor has the least time
+    for _ in range(15):
+        data = (300 * flood)[:300]
+        script.add(f"send {data.hex()}", f"wait {20 * len(data)}")
+    lines = script.beat().add("send 0a", "wait 100000").ask("STATUS").add("wait 9000").run()
     assert sum(line.text == "reset" for line in lines) == 1
-    assert words(lines)[-1].endswith("light=0 cause=alive")
+    assert next(text for text in reversed(words(lines)) if "run=" in text).endswith(end)
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -113,8 +124,18 @@ def test_all_is_dark_in_time(ending):
 def test_reset_is_told():
     lines = Script().add("hang", "wait 50000").ask("STATUS").run()
     notices = [line.answer for line in lines if line.answer and line.answer[0] == "#"]
-    assert [notice.split("reset=")[1] for notice in notices] == ["0", "8"]  # WDRF
+    assert [notice.split("reset=")[1] for notice in notices] == ["1 cause=power", "8 cause=hang"]
     assert words(lines) == ["OK run=0 rounds=0 light=0 cause=none"]
+
+
+@pytest.mark.parametrize("what, cause", [("reset", "button"), ("hang", "hang"), ("rail 3500", "supply")])
+def test_a_bootloader_that_clears_the_register_does_not_hide_the_cause(what, cause):
+    script = Script().ask("LIGHT 1").add("boot 100000", what, "wait 1000")
+    if cause == "supply":
+        script.add("rail 2600", "wait 1000", "rail 5000")
+    script.add("wait 120000")
+    notices = [line.answer for line in script.run() if line.answer and line.answer[0] == "#"]
+    assert [notice.split("reset=")[1] for notice in notices] == ["1 cause=power", f"0 cause={cause}"]
 
 
 def test_constant_light_goes_out_with_the_host(tmp_path):
@@ -136,21 +157,21 @@ def test_longest_light_is_enforced():
 
 
 def test_commands_are_answered():
-    assert ask("HELLO") == ["OK evsdr-ring-1.0 protocol=1 leds=24 slots=64 alive_ms=40 max_on_us=2000000"]
+    assert ask("HELLO") == ["OK evsdr-ring-1.1 protocol=1 leds=24 slots=256 alive_ms=40 max_on_us=2000000"]
     assert ask("SLOT 200 1000000", "SLOT 1000000 500000") == [
         "OK periods=12 extra=128 fade=12",
         "OK periods=62500 extra=0 fade=31250",
     ]
-    assert set(ask("ORDER .", "ORDER " + 64 * "A", "TRIM " + 24 * "0F", "ROUNDS 999999999", "SYNC 0")) == {
-        "OK"
-    }
+    assert set(
+        ask("ORDER .", "ORDER " + 64 * "A", "TRIM " + 24 * "0F", "ROUNDS 999999999", "SYNC 0", "MORE 64 BC")
+    ) == {"OK"}
 
 
 @pytest.mark.parametrize(
     "command",
     [
         "SLOT 199 0", "SLOT 1000001 0", "SLOT 1000 1000001", "SLOT 1000", "SLOT 1000 0 0", "SLOT -1 0", "ORDER",
-        "ORDER Y", "ORDER a", "ORDER " + 65 * "A", "TRIM FF", "TRIM " + 24 * "fg", "TRIM " + 24 * "FF" + "F",
+        "ORDER Y", "ORDER a", "MORE 0 A", "MORE 25 A", "MORE 24 Y", "ALIVE 9", "ALIVE 50", "TRIM FF", "TRIM " + 24 * "fg", "TRIM " + 24 * "FF" + "F",
         "ROUNDS 1000000000", "ROUNDS 99999999999999", "ROUNDS", "SYNC 2", "LIGHT 2", "RUN now", "STOP now", "HELLO x",
     ],
 )  # fmt: skip

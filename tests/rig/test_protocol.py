@@ -2,7 +2,7 @@
 
 import pytest
 
-from evsdr.rig.protocol import LONGEST_LINE, Link, RingRefused, _parse, frame, unframe
+from evsdr.rig.protocol import LONGEST_LINE, Lines, RingRefused, frame, parse, unframe
 
 
 def test_checksum_is_that_of_the_standard():
@@ -12,7 +12,7 @@ def test_checksum_is_that_of_the_standard():
 
 
 def test_answers_are_words_and_values():
-    answer = _parse("OK armed rounds=6 slot=20000")
+    answer = parse("OK armed rounds=6 slot=20000")
     assert (answer.words, answer.values) == (("armed",), {"rounds": "6", "slot": "20000"})
     assert answer.number("rounds") == 6
     for name in ("slots", "armed"):
@@ -22,25 +22,14 @@ def test_answers_are_words_and_values():
 
 def test_an_error_is_raised_with_its_words():
     with pytest.raises(RingRefused, match="^7 order has 65 slots$"):
-        _parse("ERR 7 order has 65 slots")
+        parse("ERR 7 order has 65 slots")
     with pytest.raises(RingRefused, match="lacks a number rounds"):
-        _parse("OK rounds=-1").number("rounds")
-
-
-class Line:
-    """A port that gives its bytes in pieces."""
-
-    def __init__(self, *pieces):
-        self.pieces = list(pieces)
-
-    in_waiting = 0
-
-    def read(self, _):
-        return self.pieces.pop(0)
+        parse("OK rounds=-1").number("rounds")
 
 
 def test_a_line_may_come_in_pieces_and_a_spoiled_one_is_left_out():
     whole, spoiled = frame("1 OK"), frame("2 OK").replace(b"2", b"3", 1)
-    link = Link(Line(whole[:4], whole[4:] + spoiled + whole, b"x" * 1000, b"\n" + whole))
-    assert [link._read() for _ in range(4)] == [[], ["1 OK", "1 OK"], [], ["1 OK"]]
-    assert len(link._rest) <= LONGEST_LINE
+    lines = Lines()
+    pieces = whole[:4], whole[4:] + spoiled + whole, b"x" * 1000, b"\n" + whole
+    assert [lines.take(piece) for piece in pieces] == [[], ["1 OK", "1 OK"], [], ["1 OK"]]
+    assert len(lines._rest) <= LONGEST_LINE

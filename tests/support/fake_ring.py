@@ -50,7 +50,7 @@ class FakeRing:
             if not select.select([self.master], [], [], 0.002)[0]:
                 continue
             *lines, rest = (rest + os.read(self.master, 4096)).split(b"\n")
-            for line in lines:
+            for line in filter(None, lines):
                 self.answer(unframe(self.spoil(line)))
 
     def advance(self):
@@ -76,7 +76,7 @@ class FakeRing:
         self.commands.append(" ".join([name, *arguments]))
         words = ""
         if name == "HELLO":
-            words = f" fake protocol={self.protocol} leds=24 slots=64 alive_ms=40 max_on_us=2000000"
+            words = f" fake protocol={self.protocol} leds=24 slots=256 alive_ms=40 max_on_us=2000000"
         elif name == "STATUS":
             cause = "none" if self.lit else self.cause
             words = f" run={int(self.lit)} rounds={self.rounds} light={int(self.light)} cause={cause}"
