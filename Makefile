@@ -2,6 +2,7 @@
 
 PYTHON ?= python3
 DEMO = out/demo
+JOBS = 2
 PY = .venv/bin/python
 PIP = $(PY) -m pip --disable-pip-version-check
 PINNED = -qq -c .ci/constraints.txt
@@ -16,8 +17,8 @@ demo: .venv/.ready  ## simulate a recording of a sphere, recover its normals and
 	$(PY) -m evsdr.simulate scenes/sphere_pole.xml --out $(DEMO)
 	$(PY) -m evsdr.fit scenes/sphere_pole.xml $(DEMO)/events.h5 --truth $(DEMO)/truth.npz --out $(DEMO)/fit
 
-test: .venv/.ready-test  ## run all tests
-	$(PY) -m pytest
+test: .venv/.ready-test  ## run all tests, in two processes (JOBS=N)
+	$(PY) -m pytest -n $(JOBS) --dist loadfile
 
 benchmark: .venv/.ready-test  ## measure accuracy and speed
 	$(PY) -m experiments.benchmark

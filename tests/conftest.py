@@ -4,7 +4,8 @@ import os
 import shutil
 from pathlib import Path
 
-N_THREAD = min(4, os.cpu_count() or 1)
+N_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1))
+N_THREAD = max(1, min(4, (os.cpu_count() or 1) // N_WORKER))
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(variable, str(N_THREAD))  # read when numpy and numba are imported
 
@@ -34,8 +35,10 @@ settings.register_profile(
 settings.load_profile("few")
 
 
-def pytest_configure():
-    """Start Mitsuba before any test module imports it."""
+def pytest_configure(config):
+    """Start Mitsuba before any test module imports it; a process that only hands tests to others needs none."""
+    if config.getoption("numprocesses", None):
+        return
     try:
         jit.start()
     except InputError as error:

@@ -6,14 +6,13 @@ import pytest
 import evsdr
 from tests.support.foreign_recordings import WATCHED, judge, record
 
-SIZE, SMALL = 32, 24
+SIZE = 24
 # Mean error of the normals [deg] and ratio of reflectance to truth, as now, with room for another seed.
 MILD = {
     "esim": (0.4, 0.02),
     "voltmeter": (0.5, 0.03),
     "eventps": (0.5, 0.10),
     "iebcs": (0.5, 0.05),
-    "v2e_no_lag": (0.5, 0.03),
 }
 
 
@@ -37,12 +36,11 @@ def test_mild_pixels(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "most_deg"), [("v2e", 0.8), ("evk4_like", 0.9)])
-def test_lag_and_noise_are_explained(name, most_deg):
-    """The published decoder is 3.5 degrees off and more."""
-    report = judge(*record(WATCHED[name], SMALL))
+def test_lag_and_noise_are_explained():
+    """The published decoder is 3.5 degrees off and more; test_sigma.py has pixels like an EVK4's."""
+    report = judge(*record(WATCHED["v2e"], SIZE))
     assert report.known > 0.95
-    assert report.mae_deg < most_deg
+    assert report.mae_deg < 0.8
 
 
 def test_a_recording_goes_through_its_file(tmp_path):

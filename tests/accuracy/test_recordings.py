@@ -81,7 +81,7 @@ def test_two_leds_of_one_band(commands):
 
 @pytest.mark.slow
 def test_256_leds(commands):
-    text = scene(light=leds(256, ("red",)))
+    text = scene(light=leds(256, ("red",)), sensor=camera(width=8, height=8))
     _, summary = recover(commands, text, "--rounds", 1, fit_argv=("--shadows", "off"))
     assert summary["model"]["LEDs"].startswith("256 in 1 bands")
     assert summary["mae_deg"] < 8
