@@ -1,6 +1,7 @@
 """How Sphinx builds the documentation: `make docs`."""
 
 import sys
+import warnings
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -12,6 +13,7 @@ from evsdr import __version__
 
 project, author, copyright = "evsdr", "the evsdr authors", "2026, the evsdr authors"
 release = version = __version__
+warnings.formatwarning = lambda message, *_: f"warning: {message}\n"  # in scripts, as the commands have it
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
@@ -34,6 +36,7 @@ autodoc_typehints = "none"  # numpydoc's sections tell them, with shapes
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",
     "gallery_dirs": "made/gallery",
+    "capture_repr": (),
     "filename_pattern": "/plot_",
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,

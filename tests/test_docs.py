@@ -1,4 +1,4 @@
-"""What the documentation shows is there: commands parse, all that `evsdr` exports is described."""
+"""What the documentation shows is there: commands parse, links lead somewhere, all that `evsdr` exports is described."""
 
 import importlib
 import re
@@ -19,6 +19,7 @@ PAGES = [
 ]
 BLOCK = re.compile(r"^```\w*\n(.*?)^```|^((?: {4}.*\n)+)", re.DOTALL | re.MULTILINE)
 RUN = re.compile(r"^ *(?:\$ )?(?:python -m |make )[^#\n]*", re.MULTILINE)
+LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)\s]*)?\)")
 TARGETS = set(re.findall(r"^(\w+):", (REPOSITORY / "Makefile").read_text(), re.MULTILINE))
 
 
@@ -64,6 +65,13 @@ def test_commands_parse(parsed):
                 pytest.fail(f"does not parse: {line}")
         else:
             assert find_spec(words[1]), line
+
+
+def test_links_lead_somewhere():
+    """To files of the checkout; `docs/made` is written by Sphinx."""
+    for page in PAGES:
+        for target in LINK.findall(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)):
+            assert target.startswith("made/") or (page.parent / target).exists(), f"{page}: {target}"
 
 
 def test_all_that_is_exported_is_described():
