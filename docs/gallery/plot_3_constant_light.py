@@ -27,11 +27,10 @@ for constant_light in constant_lights:
     scene = evsdr.load_scene(folder / "sphere.xml", size=SIZE, constant_light=constant_light)
     recording, truth = evsdr.simulate(scene, pixel, rounds=6, seed=0)
     found = evsdr.fit(scene, recording, settings)
-    scores.append(evsdr.score(found.maps, truth))
+    score = evsdr.score(found.maps, truth)
+    scores.append(score)
     events.append(len(recording.events) / truth.mask.sum())
-    print(
-        f"C_w {constant_light}: {events[-1]:.0f} events per pixel, {scores[-1]['mae_deg']:.2f} deg, RMSE {scores[-1]['rmse']:.4f}"
-    )
+    print(f"C_w {constant_light}: {score['mae_deg']:.2f} deg, RMSE {score['rmse']:.4f}")
 
 # %%
 # Less constant light gives more events and better normals. But the scale rests on signals about as weak as C_w, and the fewer
