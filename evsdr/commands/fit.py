@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+import time
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,7 @@ from evsdr.errors import check_range, parse_definitions
 from evsdr.files.atomic import check_folder
 from evsdr.files.events_h5 import read_recording
 from evsdr.files.truth import read_truth
+from evsdr.fitting.budget import seconds_so_far
 from evsdr.fitting.entrance import SOLVE, Fit, collected_warnings, fit, load_scene, start
 from evsdr.fitting.settings import PRIORS, SHARED, Settings, check_names
 from evsdr.metrics import score
@@ -22,6 +24,7 @@ from evsdr.signals import Patience
 from evsdr.solve.tuning import Tuning
 
 CONTRADICTED = 3  # exit status of results that contradict the files
+LEAST_LEFT = 0.01  # seconds of a budget after all is read
 
 
 @dataclass(frozen=True)
@@ -80,11 +83,14 @@ def names_of(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
 def main(argv: list[str] | None = None) -> int:
     """Run the command; gives its exit status."""
     told = shlex.join(map(str, sys.argv[1:] if argv is None else argv))
-    return run_command("fit", Options, partial(command, told=told), argv)
+    began = time.perf_counter() - (seconds_so_far() if argv is None else 0.0)
+    return run_command("fit", Options, partial(command, told=told, began=began), argv)
 
 
-def command(options: Options, told: str = "") -> int:
-    """Fit, write the results, print a table; gives 3 if the results contradict the files. `told` is what was typed.
+def command(options: Options, told: str = "", began: float | None = None) -> int:
+    """Fit, write the results, print a table; gives 3 if the results contradict the files.
+
+    `told` is what was typed, `began` when a budget of time began, by `time.perf_counter`; by default now.
 
     Ctrl-C, SIGTERM and SIGHUP while the solver runs end it early, with the best so far; once more, at once and with
     nothing.
@@ -92,8 +98,9 @@ def command(options: Options, told: str = "") -> int:
     out = options.out or options.events.with_name(options.events.stem)
     check_folder(out)
     with Patience() as patience:
-        found = recover(options, patience)
-        found = replace(found, summary=found.summary | {"command": f"python -m evsdr.fit {told}"})
+        found = recover(options, patience, time.perf_counter() if began is None else began)
+        more = {"stopped_by": patience.came.name} if patience.came and found.summary["stopped"] else {}
+        found = replace(found, summary=found.summary | more | {"command": f"python -m evsdr.fit {told}"})
         found.save(out, options.report)
     if patience.came:
         best = "the best so far" if found.summary["stopped"] else "the whole fit"
@@ -111,7 +118,7 @@ def command(options: Options, told: str = "") -> int:
     return CONTRADICTED if found.contradicted else 0
 
 
-def recover(options: Options, patience: Patience) -> Fit:
+def recover(options: Options, patience: Patience, began: float) -> Fit:
     """Read the files, fit, and compare with the truth if there is one; a stop while the solver runs ends it early."""
     settings = options.settings()
     with collected_warnings() as messages, Stages("fit") as stages:
@@ -129,7 +136,12 @@ def recover(options: Options, patience: Patience) -> Fit:
             stages.show("stopping; once more to end at once" if patience.came else stage, share)
             return patience.came is not None
 
+        if settings.time_budget is not None:
+            left = settings.time_budget - (time.perf_counter() - began)
+            settings = replace(settings, time_budget=max(left, LEAST_LEFT))
         found = fit(scene, recording, settings, options.mask, progress)
+    if options.time_budget is not None:
+        found.summary["time_budget"]["seconds"] = options.time_budget
     error = score(found.maps, truth) if truth else {}
     summary = found.summary | ({"error": error} | error if error else {})
     seconds = stages.seconds | summary["seconds"]

@@ -4,6 +4,7 @@ Mitsuba must know its libLLVM before it is imported, so whatever imports it is i
 """
 
 import importlib
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,9 +17,10 @@ from evsdr import jit
 from evsdr.errors import InputWarning
 from evsdr.files.atomic import check_folder
 from evsdr.files.events_h5 import read_recording
+from evsdr.fitting.budget import plan_of
 from evsdr.fitting.settings import Settings, check_settings
 from evsdr.light.entry import open_scene
-from evsdr.progress import Progress, Seconds
+from evsdr.progress import Progress, Seconds, silent
 from evsdr.records import Maps, Recording, Signals, Truth
 
 SOLVE = "solve"  # the stage from which on there is a best so far
@@ -163,7 +165,7 @@ def fit(
         Something given can be used, but the user should know; also in the summary.
     """
     check_settings(settings)
-    seconds = Seconds(progress)
+    began = time.perf_counter()
     with collected_warnings() as messages:
         start()
         from evsdr.fitting.story import fit_recording
@@ -171,8 +173,11 @@ def fit(
 
         recording = recording if isinstance(recording, Recording) else read_recording(recording)
         ring = scene if isinstance(scene, RingScene) else load_scene(scene)
-        found = fit_recording(ring, recording, settings, mask, seconds)
-    return replace(found, summary=found.summary | {"warnings": messages, "seconds": seconds.seconds})
+        plan = plan_of(settings, ring.width * ring.height, len(recording.events), began)
+        seconds = Seconds(plan.watch(progress or silent) if plan else progress)
+        found = fit_recording(ring, recording, plan.settings if plan else settings, mask, seconds)
+    more = plan.told(found.summary["stopped"]) if plan else {}
+    return replace(found, summary=found.summary | more | {"warnings": messages, "seconds": seconds.seconds})
 
 
 @contextmanager

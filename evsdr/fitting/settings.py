@@ -56,6 +56,9 @@ class Settings:
     """Mean error of the normals [deg] from which auto models an effect."""
     tolerance: float | None = None
     """Gain in log likelihood of a pixel that is worth a step of the solver; by default that of the preset."""
+    time_budget: float | None = None
+    """Seconds that the fit may take: the best preset that this machine is expected to manage replaces the one asked for,
+    and what is found by then counts."""
     tuning: Tuning = Tuning()
     """Numbers of the solver."""
 
@@ -81,6 +84,8 @@ def check_settings(settings: Settings) -> None:
         raise InputError(f"limit_deg is {settings.limit_deg:g}; give degrees above 0.")
     if settings.tolerance is not None and not settings.tolerance > 0:
         raise InputError(f"tolerance is {settings.tolerance:g}; give a number above 0, as 0.1.")
+    if settings.time_budget is not None and not settings.time_budget > 0:
+        raise InputError(f"time_budget is {settings.time_budget:g}; give seconds above 0.")
 
 
 def check_names(names: tuple[str, ...], known: tuple[str, ...], what: str) -> None:

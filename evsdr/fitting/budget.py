@@ -1,0 +1,130 @@
+"""How long a fit may take: which preset that allows on this machine, and when the solver must end."""
+
+import os
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from evsdr.fitting.settings import Settings
+from evsdr.progress import Progress
+from evsdr.threads import in_chunks
+
+BY_BUDGET = "time budget"  # what `stopped_by` of a summary says
+MOST = 0.9  # of the budget that a preset may be expected to take
+LEAST = 0.5  # of the budget that the solver gets, whatever the work after it may take
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Seconds of a fit on the machine of reference, whose `task_seconds` are `REFERENCE`.
+
+    Attributes
+    ----------
+    start, pixel, event : float
+        Of any fit, of each pixel solved, and of each event [s].
+    """
+
+    start: float
+    pixel: float
+    event: float
+
+    def seconds(self, n_pixel: int, n_event: int) -> float:
+        """Give the seconds of a fit."""
+        return self.start + self.pixel * n_pixel + self.event * n_event
+
+
+# Measured by experiments/speed_accuracy on 2 cores, thresholds unknown; from the best to the quickest
+REFERENCE = 0.05
+COST = {
+    "accurate": Cost(2.5, 3.0e-4, 3.0e-6),
+    "balanced": Cost(2.0, 2.2e-4, 2.5e-6),
+    "fast": Cost(1.0, 1.0e-4, 1.4e-6),
+}
+AFTER = Cost(0.2, 2.0e-5, 1.0e-7)  # of what follows the solver: surface, signals, files, page
+
+
+@dataclass(frozen=True)
+class Budget:
+    """A fit that must end in time.
+
+    Attributes
+    ----------
+    settings : Settings
+        With the best preset that is expected to end in time, else the quickest.
+    expected_s : float
+        What that one is expected to take.
+    end : float
+        When the solver must end, by `time.perf_counter`.
+    """
+
+    settings: Settings
+    expected_s: float
+    end: float
+
+    def watch(self, progress: Progress) -> Progress:
+        """Give a progress that asks to end soon once it is time."""
+
+        def tell(stage: str, share: float) -> bool:
+            return bool(progress(stage, share)) | (time.perf_counter() > self.end)
+
+        return tell
+
+    def told(self, stopped: bool) -> dict:
+        """Give what the summary says of it; `stopped` tells whether the solver was."""
+        budget = {
+            "seconds": self.settings.time_budget,
+            "preset": self.settings.preset,
+            "expected_seconds": self.expected_s,
+        }
+        return {"time_budget": budget} | ({"stopped_by": BY_BUDGET} if stopped else {})
+
+
+def plan_of(settings: Settings, n_pixel: int, n_event: int, began: float) -> Budget | None:
+    """Measure this machine and plan, if there is a budget; arguments as those of `plan`."""
+    return plan(settings, n_pixel, n_event, began, slowness()) if settings.time_budget else None
+
+
+def plan(settings: Settings, n_pixel: int, n_event: int, began: float, slowness: float) -> Budget:
+    """Choose the preset that a budget allows.
+
+    Parameters
+    ----------
+    settings : Settings
+        `time_budget` counts; `preset` is replaced.
+    n_pixel, n_event : int
+        What is to be solved.
+    began : float
+        When the budget began, by `time.perf_counter`.
+    slowness : float
+        Seconds of this machine for each of that of reference.
+    """
+    expected = {name: slowness * cost.seconds(n_pixel, n_event) for name, cost in COST.items()}
+    left = began + settings.time_budget - time.perf_counter()
+    preset = next((name for name in COST if expected[name] < MOST * left), "fast")
+    after = min(slowness * AFTER.seconds(n_pixel, n_event), (1 - LEAST) * settings.time_budget)
+    end = began + settings.time_budget - after
+    return Budget(replace(settings, preset=preset), expected[preset], end)
+
+
+def slowness() -> float:
+    """Measure this machine: seconds that it takes for one of the machine of reference; the best of three."""
+    return min(task_seconds() for _ in range(3)) / REFERENCE
+
+
+def task_seconds() -> float:
+    """Time a fixed task of NumPy on all threads [s]."""
+    start = time.perf_counter()
+    in_chunks(lambda chunk: np.sort(np.log1p(np.random.default_rng(chunk).random(200_000))))
+    return time.perf_counter() - start
+
+
+def seconds_so_far() -> float:
+    """Give how long this process runs [s], where the system tells; else 0."""
+    try:
+        started = int(Path("/proc/self/stat").read_text("utf-8").rpartition(")")[2].split()[19])
+        now = float(Path("/proc/uptime").read_text("ascii").split()[0])
+        return max(now - started / os.sysconf("SC_CLK_TCK"), 0.0)
+    except (OSError, ValueError, IndexError):
+        return 0.0

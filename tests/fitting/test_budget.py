@@ -1,0 +1,65 @@
+"""A budget of time: the best preset that it allows, an end of the solver in time, and what the summary says."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import evsdr
+from evsdr.errors import InputError
+from evsdr.fitting.budget import AFTER, COST, plan, slowness, task_seconds
+from evsdr.fitting.settings import Settings, check_settings
+from evsdr.progress import silent
+from tests.conftest import REPOSITORY
+
+
+def planned(seconds, slow=1.0, n_pixel=10_000, n_event=1_000_000):
+    return plan(Settings(time_budget=seconds), n_pixel, n_event, time.perf_counter(), slow)
+
+
+def test_the_best_preset_that_fits_is_taken():
+    expected = {name: cost.seconds(10_000, 1_000_000) for name, cost in COST.items()}
+    assert sorted(expected.values(), reverse=True) == list(expected.values())
+    for name, seconds in expected.items():
+        budget = planned(1.2 * seconds)
+        assert budget.settings.preset == name and budget.expected_s == pytest.approx(seconds)
+        assert planned(1.2 * seconds * 10, 10.0).settings.preset == name
+    assert planned(0.01).settings.preset == "fast"
+
+
+def test_the_solver_ends_before_the_budget_does():
+    now = time.perf_counter()
+    assert planned(100.0).end - now == pytest.approx(100 - AFTER.seconds(10_000, 1_000_000), abs=0.1)
+    assert planned(0.1).end - now == pytest.approx(0.05, abs=0.02)
+    over, going = planned(1e-9), planned(100.0)
+    assert over.watch(silent)("solve", 0.0) is True
+    assert going.watch(silent)("solve", 0.0) is False
+    assert going.watch(lambda *_: True)("solve", 0.0) is True
+
+
+def test_this_machine_is_measured():
+    assert 0 < task_seconds() < 60 and 0 < slowness() < 1000
+    code = "import time; time.sleep(0.3); from evsdr.fitting.budget import seconds_so_far; print(seconds_so_far())"
+    start = time.perf_counter()
+    told = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=REPOSITORY
+    )
+    assert 0.25 < float(told.stdout) < time.perf_counter() - start + 0.05
+
+
+def test_a_budget_is_above_zero():
+    with pytest.raises(InputError, match="time_budget is 0; give seconds above 0"):
+        check_settings(Settings(time_budget=0.0))
+
+
+def test_what_is_found_by_its_end_counts(place):
+    given = evsdr.load_scene(place / "scene.xml"), evsdr.read_recording(place / "events.h5")
+    with pytest.warns(evsdr.InputWarning, match="this fit was stopped early"):
+        found = evsdr.fit(*given, Settings(time_budget=1e-3))
+    assert found.summary["stopped"] and found.summary["stopped_by"] == "time budget"
+    assert found.summary["time_budget"]["preset"] == found.summary["preset"] == "fast"
+    truth = np.load(place / "truth.npz")
+    truth = evsdr.Truth(truth["normal"], truth["reflectance"], truth["mask"])
+    assert evsdr.score(found.maps, truth)["mae_deg"] < 10
