@@ -30,7 +30,10 @@ def test_import_is_cheap(module):
     assert _run(code, REPOSITORY, {}) == ""
 
 
-DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export", "batch", "new_scene")
+DOORS = (
+    *("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export", "batch", "new_scene"),
+    "view",
+)
 
 
 @pytest.mark.parametrize("door", DOORS)

@@ -16,10 +16,14 @@ FLOORS = (
     ("solve", "light", "shape", "rig"),
     ("effects", "limits", "calibration", "page", "exports", "jobs"),
     ("fitting",),
+    ("viewing",),
     ("commands", "scenes", "door"),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-DOORS = ("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export", "batch", "new_scene")
+DOORS = (
+    *("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export", "batch", "new_scene"),
+    "view",
+)
 ONLY_IN = {
     "mitsuba": ("light", "integrators", "jit"),
     "tyro": ("commands",),

@@ -75,22 +75,31 @@ def page(
         Of all arrays in it.
     """
     shown = contents(maps, signals, depth, truth, most_bytes) | {"title": words.title_of(summary)}
-    style = (HERE / "style.css").read_text(encoding="utf-8")
-    scripts = "\n".join((HERE / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS)
-    script = f'"use strict";\n(() => {{\n{scripts}}})();\n'
     parts = {
         "title": escape(shown["title"]),
         "subtitle": words.subtitle(summary, maps, written),
         "verdict": words.verdict(summary),
         "figures": words.key_figures(summary, maps),
         "record": words.record(summary),
+    }
+    files = (HERE / "style.css",), tuple(HERE / f"{name}.js" for name in SCRIPTS)
+    return assemble(HERE / "page.html", *files, parts, shown)
+
+
+def assemble(
+    template: Path, styles: tuple[Path, ...], scripts: tuple[Path, ...], parts: dict[str, str], shown: dict
+) -> str:
+    """Put a page together: a template, its styles and scripts, parts in HTML, and what the scripts read."""
+    style = "".join(path.read_text(encoding="utf-8") for path in styles)
+    script = "\n".join(path.read_text(encoding="utf-8") for path in scripts)
+    script = f'"use strict";\n(() => {{\n{script}}})();\n'
+    parts = parts | {
         "policy": policy(style, script),
         "style": style,
         "script": script,
         "contents": in_script(shown),
     }
-    template = (HERE / "page.html").read_text(encoding="utf-8")
-    return re.sub(r"\{\{(\w+)\}\}", lambda name: parts[name[1]], template)
+    return re.sub(r"\{\{(\w+)\}\}", lambda name: parts[name[1]], template.read_text(encoding="utf-8"))
 
 
 def policy(style: str, script: str) -> str:
