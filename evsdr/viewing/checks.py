@@ -158,11 +158,10 @@ def schedule(look: Look) -> Check:
         return Check(
             name, DOUBTFUL, f"{again.capitalize()} alike", "record more rounds of a surface that rests"
         )
-    return Check(
-        name,
-        FINE,
-        f"It fits: {again}, as a round of {1e-3 * believed.slot_us * len(believed.order):.6g} ms asks, and {fits}",
-    )
+    round_ms = 1e-3 * believed.slot_us * len(believed.order)
+    times = round(1e3 * round_ms / look.period_us)
+    often = f"{times} times in a round" if times > 1 else "the length of a round"
+    return Check(name, FINE, f"It fits: {again}, {often} of {round_ms:.6g} ms, and {fits}")
 
 
 def leds(look: Look) -> Check:

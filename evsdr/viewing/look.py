@@ -8,13 +8,14 @@ import numpy as np
 from evsdr.fitting.entrance import Fit
 from evsdr.progress import Seconds
 from evsdr.records import Recording
+from evsdr.rig.repetition import Repetition
 from evsdr.viewing.flicker import Flicker, find_flicker, spectrum
 from evsdr.viewing.leds import Leds, find_leds, slot_counts
 from evsdr.viewing.pixels import Pixels, look_at_pixels
 from evsdr.viewing.rounds import Triggers, find_triggers
 from evsdr.viewing.sample import Sample, take_sample
 from evsdr.viewing.scene import Expected, expected_accuracy, quick_fit
-from evsdr.viewing.schedule import Repetition, ScheduleFit, fit_schedule
+from evsdr.viewing.schedule import ScheduleFit, fit_schedule
 from evsdr.viewing.source import Watched
 
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from evsdr.events.phase import position
 from evsdr.records import Events, Schedule
+from evsdr.rig.repetition import LONGEST_US
 
 N_PIXEL = 4096  # that are enough: shares are then known to 1 %
-LONGEST_US = 20_000_000  # of a recording that is looked at
 FEWEST = 8  # events of a pixel that tell something
 
 

@@ -4,15 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from evsdr.records import Events, Schedule
+from evsdr.records import Schedule
+from evsdr.rig.repetition import Repetition
 from evsdr.viewing.rounds import ON_GRID, Triggers
-from evsdr.viewing.sample import LONGEST_US, Sample, coherence
+from evsdr.viewing.sample import Sample, coherence
 from evsdr.viewing.source import with_slots
 
-BLOCKS = 6  # of the image, along each side, whose events are counted apart
-N_BIN, FINEST_US = 8192, 500.0  # of time
-FARTHEST = 0.6  # of the recording, to which events are compared with themselves
-LEAST = 0.1  # of the autocorrelation that means something; measured: 0.3 to 0.96 for rings, 0.02 for events at random
 FACTORS = 0.1, 0.5, 2.0, 10.0  # by which slots are told wrong
 MULTIPLES = 6  # of the shortest time after which events come again, that a round may be: bands repeat on flat surfaces
 # Of coherence and repetition, by which another length of slots must fit better; measured: doubled slots 0.11, others more
@@ -70,54 +67,6 @@ class ScheduleFit:
         return float(shift * self.schedule.slot_us)
 
 
-class Repetition:
-    """How far the events come again after any time: the autocorrelation of their numbers in blocks of the image."""
-
-    def __init__(self, events: Events, shape: tuple[int, int]):
-        begin = int(events.t[0])
-        n = int(np.searchsorted(events.t, begin + LONGEST_US))
-        self.duration = float(events.t[n - 1] - begin)
-        self.bin_us = max(FINEST_US, self.duration / N_BIN)
-        n_bin = int(self.duration / self.bin_us) + 1
-        block = [a[:n].astype(np.int64) * BLOCKS // size for a, size in zip((events.y, events.x), shape)]
-        channel = (block[0] * BLOCKS + block[1]) * 2 + events.p[:n]
-        number = channel * n_bin + ((events.t[:n] - begin) / self.bin_us).astype(np.int64)
-        count = np.bincount(number, minlength=2 * BLOCKS**2 * n_bin).reshape(-1, n_bin).astype(float)
-        count -= count.mean(axis=1, keepdims=True)
-        power = np.sum(np.abs(np.fft.rfft(count, 2 * n_bin)) ** 2, axis=0)
-        alike = np.fft.irfft(power)[:n_bin] / (n_bin - np.arange(n_bin))
-        self.alike = (alike / max(alike[0], 1e-12))[: max(int(FARTHEST * n_bin), 1)]
-
-    def after(self, lag_us: float) -> float:
-        """Give it for a time; not a number beyond `FARTHEST`."""
-        k = round(lag_us / self.bin_us)
-        near = self.alike[max(k - 2, 0) : k + 3]
-        return float(near.max()) if 2 < k < len(self.alike) else np.nan
-
-    def shortest(self) -> tuple[float, float]:
-        """Give the shortest time [us] after which events come again, and how far they do; zeros if they never do."""
-        a = self.alike
-        low = np.flatnonzero(a < 0.5 * max(np.median(np.abs(a)), 0.2))
-        if not len(low) or low[0] + 2 >= len(a):
-            return 0.0, 0.0
-        rest = a[low[0] :]
-        if rest.max() < LEAST:
-            return 0.0, 0.0
-        k = low[0] + int(np.argmax(rest > 0.85 * rest.max()))
-        while k + 1 < len(a) and a[k + 1] > a[k]:
-            k += 1
-        return self._refined(k), float(rest.max())
-
-    def _refined(self, k: int) -> float:
-        """Sharpen a time by its multiples."""
-        period = float(k)
-        for turns in range(2, 1 + int((len(self.alike) - 3) / period)):
-            about = round(turns * period)
-            near = np.arange(max(about - 2, 0), min(about + 3, len(self.alike)))
-            period = near[np.argmax(self.alike[near])] / turns
-        return period * self.bin_us
-
-
 def fit_schedule(
     told: Schedule, triggers: Triggers | None, sample: Sample, repetition: Repetition
 ) -> ScheduleFit:
@@ -134,7 +83,7 @@ def fit_schedule(
         return coherence(sample, with_slots(told, round_us), np.empty(0)) * again
 
     others = {f * told_us for f in FACTORS} | {m * period for m in range(1, 1 + MULTIPLES)} | {every}
-    others = [t for t in others if t / n_slot > 50 and t < repetition.duration]
+    others = [t for t in others if t / n_slot > 50 and t < repetition.duration_us]
     as_told = score(told_us)
     whole = not triggers or abs(every / told_us - max(round(every / told_us), 1)) < ON_GRID
     scores = {t: score(t) for t in others}

@@ -21,10 +21,12 @@ MEASURED = {
     "extremes": {"jit"},  # which Mitsuba's transformations need first
     "fuzz": {"files", "rig", "calibration", "jit"},
     "gloss": {"fitting.simulation", "light"},  # adds a lobe to rendered images
+    "lamp.py": {"events"},
     "limit": {"limits", "jit", "events", "model", "solve"},  # fits single pixels under the model's own light
     "picture.py": {"files.daylight"},
     "shared": {"solve.shared"},
     "sigma": {"fitting.simulation", "solve.shared"},  # gives rendered images to another event pixel
+    "view_faults.py": {"viewing", "fitting.simulation"},  # spoils rendered images
 }
 FILES = sorted(path.relative_to(EXPERIMENTS) for path in EXPERIMENTS.rglob("*.py"))
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from evsdr.events.pixel import EventPixel
 from evsdr.events.record import record, ring_schedule
-from evsdr.events.simulator import simulate_events
-from evsdr.records import Recording, Schedule, Sensor
+from evsdr.records import Recording
 from evsdr.rig.camera_file import Edges
 from evsdr.viewing.source import Watched
+from experiments.lamp import under_a_lamp
 
 SIZE, N_LED, CONSTANT_LIGHT = 20, 12, 0.05
 PIXEL = EventPixel(hot_fraction=0)
@@ -41,21 +41,10 @@ def recorded(
     return record(ball_signal() if signal is None else signal, CONSTANT_LIGHT, pixel, schedule, rounds)
 
 
-def under_a_lamp(hz: float, slot_us: float = 20_000.0, rounds: int = 3, steps: int = 16) -> Recording:
-    """Record the ball where 80 % of the constant light goes up and down by 30 %.
-
-    The light is that of many short slots, linear between them.
-    """
-    schedule, signal = replace(ring_schedule(N_LED), slot_us=slot_us), ball_signal()
-    turn = np.arange(N_LED * rounds * steps) / steps
-    slot = turn.astype(int) % N_LED
-    fade = (turn % 1)[:, None, None]
-    lamp = 0.8 * CONSTANT_LIGHT * (1 + 0.3 * np.sin(2e-6 * np.pi * hz * turn * slot_us))
-    light = (1 - fade) * signal[slot] + fade * signal[(slot + 1) % N_LED] + lamp[:, None, None]
-    fine = Schedule(np.arange(len(light), dtype=np.int32), slot_us / steps, 1.0)
-    events, on, off, ends = simulate_events(light.astype(np.float32), 0.2 * CONSTANT_LIGHT, fine, 1, PIXEL)
-    starts = np.linspace(ends[0], ends[-1], rounds + 1).astype(np.int64)
-    return Recording(events, Sensor(SIZE, SIZE, on, off, PIXEL.refractory_us), schedule, starts)
+def lamp_recording(hz: float, slot_us: float = 20_000.0) -> Recording:
+    """Record the ball while a lamp on the mains shines."""
+    schedule = replace(ring_schedule(N_LED), slot_us=slot_us)
+    return under_a_lamp(ball_signal(), CONSTANT_LIGHT, schedule, hz, rounds=3, pixel=PIXEL)
 
 
 def watched(recording: Recording, triggers: bool = True, **schedule) -> Watched:

@@ -14,7 +14,7 @@ from evsdr.fitting.simulation import simulate
 from evsdr.viewing.checks import DOUBTFUL, FINE, OPEN, WRONG, examine, set_up, verdict
 from evsdr.viewing.look import look_at
 from tests.support.setups import scene_of
-from tests.support.watched_files import PIXEL, ball_signal, recorded, under_a_lamp, watched
+from tests.support.watched_files import PIXEL, ball_signal, lamp_recording, recorded, watched
 
 
 @cache
@@ -64,7 +64,7 @@ def test_a_dead_led(led):
 @pytest.mark.parametrize("slot_us", [20_000.0, 10_000.0])
 @pytest.mark.parametrize("hz", [100.0, 120.0])
 def test_a_lamp_on_the_mains(hz, slot_us):
-    found = answers(watched(under_a_lamp(hz, slot_us)))
+    found = answers(watched(lamp_recording(hz, slot_us)))
     assert odd(found) == {"room light": DOUBTFUL}
     assert f"keep time with {hz:g} Hz" in str(found["room light"])
 

@@ -11,7 +11,7 @@ from evsdr.viewing.checks import examine
 from evsdr.viewing.document import page
 from evsdr.viewing.look import look_at
 from tests.support.chromium import READY, start_chromium
-from tests.support.watched_files import CONSTANT_LIGHT, N_LED, ball_signal, recorded, under_a_lamp, watched
+from tests.support.watched_files import CONSTANT_LIGHT, N_LED, ball_signal, lamp_recording, recorded, watched
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_a_click_chooses_a_pixel_and_keys_move_it(browser, recording, tmp_path):
 
 
 def test_everything_that_acts_has_a_name(browser, tmp_path):
-    text = page_of(look_at(watched(under_a_lamp(100.0))))
+    text = page_of(look_at(watched(lamp_recording(100.0))))
     open_page(browser, tmp_path, text, size=(390, 844), phone=True, dark=True)
     assert browser.evaluate("document.documentElement.scrollWidth") <= 390
     for node in browser.send("Accessibility.getFullAXTree")["nodes"]:
