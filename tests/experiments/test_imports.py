@@ -27,6 +27,7 @@ MEASURED = {
     "shared": {"solve.shared"},
     "sigma": {"fitting.simulation", "solve.shared"},  # gives rendered images to another event pixel
     "view_faults.py": {"viewing", "fitting.simulation"},  # spoils rendered images
+    "table1": {"jit", "scenes"},  # renders by stock Mitsuba
 }
 FILES = sorted(path.relative_to(EXPERIMENTS) for path in EXPERIMENTS.rglob("*.py"))
 
