@@ -1,4 +1,4 @@
-"""Times that are late: light and events that do not share one start."""
+"""Times: how long slots last, and light and events that do not share one start."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -7,9 +7,84 @@ import numpy as np
 
 from evsdr.effects.effect import Decision
 from evsdr.effects.shared import WARNED, SharedEffect, SharedFound, plus_minus
+from evsdr.events.period import Period, find_period, root_mean_square, unevenness
+from evsdr.records import Recording
 
 if TYPE_CHECKING:
-    from evsdr.effects.world import World
+    from evsdr.effects.world import Fitted, World
+
+CLEAR = 4.0  # standard deviations from which slots last otherwise than told
+JITTER = 0.01  # slots: standard deviation of triggers from which these are evened out; guessed
+WARNED_PPM = 10_000  # resonators are within half of that
+PPM = 1e6
+
+
+class SlotLength:
+    """Slots that are longer or shorter than told: triggers follow them; without, or if these jitter, the events tell."""
+
+    name, option, when = "slot length", "", "scene"
+
+    def decide(self, asked: str, world: "World", fitted: "Fitted | None") -> Decision:
+        """Compare with triggers, or else fold the events."""
+        recording = world.recording
+        number = _rounds_until(recording) if len(recording.round_start_us) > 1 else np.zeros(0)
+        jitter = root_mean_square(unevenness(number, recording.round_start_us)) if len(number) else 0.0
+        if len(number) and jitter <= JITTER * recording.schedule.slot_us:
+            return self._by_triggers(recording, number)
+        period = find_period(recording)
+        if len(number):
+            return self._evened(recording, number, jitter, period)
+        if period is None:
+            return Decision(self.name, False, "as told: the events do not tell it, and no triggers do")
+        off, sigma, told = PPM * (period.ratio - 1), PPM * period.sigma, recording.schedule.slot_us
+        clear = abs(off) > CLEAR * sigma
+        numbers = {"told_us": told, "found_us": told * period.ratio, "sigma_us": told * period.sigma}
+        why = f"{'as events repeat' if clear else 'as told'}: these do {off:+.0f} +- {sigma:.2g} ppm after rounds as told"
+        warning = (
+            f"rounds last {1 + off / PPM:.4f} times what slot_us says; check it."
+            if abs(off) > WARNED_PPM
+            else ""
+        )
+        found = {"slot_us": numbers, "clock_ppm": off}
+        schedule = replace(recording.schedule, slot_us=numbers["found_us"])
+        return Decision(self.name, clear, why, None, found, replace(recording, schedule=schedule), warning)
+
+    def _by_triggers(self, recording: Recording, number: np.ndarray) -> Decision:
+        """Say how far rounds, between triggers and relative to what is told, are off, and how that changes."""
+        each = np.diff(recording.round_start_us) / (_round_us(recording) * np.diff(number))
+        middle = np.arange(len(each)) - 0.5 * (len(each) - 1)
+        drift = PPM * (middle @ each) / max(middle @ middle, 1) * (len(each) - 1)
+        off = PPM * (np.median(each) - 1)
+        why = f"by triggers: {off:+.0f} ppm against what is told, and {drift:+.0f} ppm from the first round to the last"
+        return Decision(self.name, False, why, found={"clock_ppm": float(off), "drift_ppm": float(drift)})
+
+    def _evened(
+        self, recording: Recording, number: np.ndarray, jitter: float, period: Period | None
+    ) -> Decision:
+        """Put triggers that jitter on an even clock, whose rate the events tell, or else these triggers."""
+        starts, told = np.asarray(recording.round_start_us, float), _round_us(recording)
+        round_us = told * period.ratio if period else np.polyfit(number, starts, 1)[0]
+        even = np.median(starts - round_us * number) + round_us * number
+        off = PPM * (round_us / told - 1)
+        who = "the events' repeating" if period else "a line through them"
+        why = f"by {who}, {off:+.0f} ppm against what is told: triggers jitter by {jitter:.0f} us"
+        found = {"clock_ppm": float(off), "trigger_jitter_us": jitter}
+        warning = f"triggers jitter by {jitter:.0f} us, so an even clock was put through them; wire the ring's to the camera."
+        return Decision(self.name, True, why, None, found, replace(recording, round_start_us=even), warning)
+
+    def model(self, world: "World", decision: Decision) -> "World":
+        """Let slots last as long as they do."""
+        return replace(world, recording=decision.answer)
+
+
+def _round_us(recording: Recording) -> float:
+    return recording.schedule.slot_us * len(recording.schedule.order)
+
+
+def _rounds_until(recording: Recording) -> np.ndarray:
+    """Count the rounds until each trigger (n,), from the first."""
+    whole = np.maximum(np.rint(np.diff(recording.round_start_us) / _round_us(recording)), 1)
+    return np.append(0, np.cumsum(whole))
 
 
 class TimeShift(SharedEffect):

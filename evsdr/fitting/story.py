@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.effects import geometry
-from evsdr.effects.clock import TimeShift
+from evsdr.effects.clock import SlotLength, TimeShift
 from evsdr.effects.gloss import GlossyLobes
 from evsdr.effects.hot_pixels import HotPixels
 from evsdr.effects.indirect import IndirectLight
@@ -39,6 +39,7 @@ EFFECTS = (
     NearLeds(),
     Shadows(),
     Rays(),
+    SlotLength(),
     HotPixels(),
     Thresholds(),
     SetUp(),

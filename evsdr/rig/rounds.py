@@ -12,11 +12,15 @@ from typing import Literal
 import numpy as np
 
 from evsdr.errors import InputError, InputWarning
+from evsdr.events.period import root_mean_square, unevenness
 from evsdr.rig.camera_file import Edges
 from evsdr.rig.log import RingLog
 
 CLOCK_TOLERANCE = 0.05  # of the ring's clock against the camera's; resonators are within 0.5 %
-GRID_TOLERANCE = 0.005  # of a round, for an edge to lie on the grid
+COUNTED = 0.1  # of a round, for an edge to be counted as the next ones; guessed
+GRID_TOLERANCE = 0.005  # of a round, for an edge to lie on the grid; or, where edges jitter,
+JITTERS = 10.0  # standard deviations, by few others, of that; guessed
+JITTER_SLOTS = 0.01  # of that, worth a warning; guessed
 OFF_GRID = np.iinfo(np.int64).min
 BAD_CLOCK = 0.01  # difference of the clocks that is worth a warning
 
@@ -34,7 +38,7 @@ class Rounds:
     clock_ratio : float
         Time on the camera's clock per time on the ring's.
     jitter_us : float
-        Largest distance of an edge from the even grid [us].
+        Standard deviation of an edge around where those beside it say [us].
     trigger_id : int
         Trigger input of the edges.
     """
@@ -90,6 +94,8 @@ def find_rounds(edges: Edges, log: RingLog, edge: Edge = "rising", trigger_id: i
     on_grid = index != OFF_GRID
     index, first = np.unique(index[on_grid], return_index=True)  # of a doubled edge the first counts
     grid_t = t[on_grid][first]
+    even, jitter = _even(index, grid_t, log.round_us)
+    index, grid_t = index[even], grid_t[even]
     _check_count(log, grid_t, index, np.setdiff1d(t, grid_t), trigger_id)
     start = np.rint(np.interp(np.arange(index[0], index[-1] + 1), index, grid_t)).astype(np.int64)
     start = start[: log.n_round + 1]
@@ -101,8 +107,26 @@ def find_rounds(edges: Edges, log: RingLog, edge: Edge = "rising", trigger_id: i
             "the camera's time is used, but check slot_us."
         )
     _check_polarity(edges, trigger_id, edge, start)
-    jitter = np.abs(start - np.linspace(start[0], start[-1], len(start))).max()
-    return Rounds(start, float(ratio), float(jitter), trigger_id)
+    if jitter > JITTER_SLOTS * log.slot_us:
+        _warn(
+            f"the round starts jitter by {jitter:.0f} us on trigger input {trigger_id}, so a fit will even them out; "
+            "take them from the ring's pin by a wire."
+        )
+    return Rounds(start, float(ratio), jitter, trigger_id)
+
+
+def _even(index: np.ndarray, t: np.ndarray, round_us: float) -> tuple[np.ndarray, float]:
+    """Tell which edges lie where those beside them say, (n,) bool, and how much these jitter."""
+    kept = np.arange(len(t))
+    while len(kept) > 4:
+        worst = 1 + int(np.abs(unevenness(index[kept], t[kept])).argmax())
+        others = np.delete(kept, worst)
+        jitter = root_mean_square(unevenness(index[others], t[others]))
+        off = abs(unevenness(index[kept], t[kept])[worst - 1])
+        if off <= max(GRID_TOLERANCE * round_us, JITTERS * jitter):
+            break
+        kept = others
+    return np.isin(np.arange(len(t)), kept), root_mean_square(unevenness(index[kept], t[kept]))
 
 
 def _walk(t: np.ndarray, anchor: int, round_us: float) -> np.ndarray:
@@ -114,7 +138,7 @@ def _walk(t: np.ndarray, anchor: int, round_us: float) -> np.ndarray:
         for i in others:
             turns = (t[i] - t[last]) / round_us
             whole = round(turns)
-            if abs(turns - whole) < GRID_TOLERANCE:
+            if abs(turns - whole) < COUNTED:
                 index[i] = index[last] + whole
                 last = i if whole else last
     return index

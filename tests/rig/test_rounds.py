@@ -69,6 +69,26 @@ def test_burst_of_edges_does_not_move_the_grid():
     np.testing.assert_array_equal(rounds.start_us, STARTS)
 
 
+@pytest.mark.parametrize("round_us", [10_000, 480_000])
+def test_edges_that_jitter_are_no_stray_ones(round_us, rng):
+    """By 3 ms in rounds of 480 ms, by 300 us in those of 10 ms."""
+    late = rng.normal(0, 3000 if round_us > 10_000 else 300, N_ROUND + 1).astype(np.int64)
+    starts = 70_000 + round_us * np.arange(N_ROUND + 1) + late
+    with pytest.warns(InputWarning, match=r"the round starts jitter by \d+ us on trigger input 0"):
+        rounds = find_rounds(pulses(starts), log(slot_us=round_us / 4))
+    np.testing.assert_array_equal(rounds.start_us, starts)
+    assert rounds.jitter_us == pytest.approx(late.std(), rel=0.7)
+
+
+def test_one_late_edge_is_put_where_others_say():
+    late = STARTS + 400 * (np.arange(N_ROUND + 1) == 2)
+    with pytest.warns(
+        InputWarning, match="has 1 edges that start no round .at 0.027400 s.|lacks the start of round 3"
+    ):
+        rounds = find_rounds(pulses(late), log())
+    np.testing.assert_array_equal(rounds.start_us, STARTS)
+
+
 def test_stray_edge_is_left_out():
     with pytest.warns(InputWarning, match=r"has 2 edges that start no round \(at 0.001000 s, 0.031000 s\)"):
         rounds = find_rounds(pulses(np.sort(np.r_[1000, STARTS, 31_000])), log())
