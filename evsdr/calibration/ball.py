@@ -15,6 +15,7 @@ from evsdr.calibration.equations import Estimate, fit_events
 from evsdr.calibration.watched import Watched
 from evsdr.errors import InputError
 from evsdr.model.view import View, pixel_centers
+from evsdr.progress import Progress, silent
 
 OUTLINE_SIGMA = 1.0  # of the given outline's centre and radius [pixels]
 FIRING = 0.25  # of the median count of events, from which a pixel belongs to the ball
@@ -245,7 +246,13 @@ def _by_outline(signal, shift: np.ndarray) -> np.ndarray:
 
 
 def solve_far(
-    view: View, part: Watched, pixel: np.ndarray, outline: np.ndarray, start: np.ndarray, strength: float
+    view: View,
+    part: Watched,
+    pixel: np.ndarray,
+    outline: np.ndarray,
+    start: np.ndarray,
+    strength: float,
+    progress: Progress = silent,
 ) -> BallLights:
     """Find the directions of far LEDs.
 
@@ -260,11 +267,13 @@ def solve_far(
         Directions to start from.
     strength : float
         Signal of a spot of the ball that faces an LED, over the constant light, to start from.
+    progress : callable (detail, share), optional
+        Told how far it is.
     """
     n_led = len(start)
     prior = np.append(np.full(3 * n_led, np.inf), np.full(3, OUTLINE_SIGMA))
     x = np.append(strength * start, np.zeros(3))
-    found = fit_events([part], far_model(view, pixel, outline, n_led), x, prior)
+    found = fit_events([part], far_model(view, pixel, outline, n_led), x, prior, progress=progress)
     v = found.x[:-3].reshape(n_led, 3)
     length = np.linalg.norm(v, axis=1)
     direction = v / length[:, None]
@@ -286,10 +295,11 @@ def solve_near(
     strength: float,
     ball_radius: float,
     depth: float,
+    progress: Progress = silent,
 ) -> BallLights:
     """Find the positions of near LEDs; `start` (n_led, 3) are places in the camera frame.
 
-    The other arguments are those of `solve_far`, `place_ball` gives the meaning of the last two.
+    The other arguments are those of `solve_far`, `place_ball` gives the meaning of `ball_radius` and `depth`.
     """
     n_led = len(start)
     center, _ = place_ball(view, outline, ball_radius, depth)
@@ -297,7 +307,7 @@ def solve_near(
     prior = np.append(np.full(4 * n_led, np.inf), np.full(3, OUTLINE_SIGMA))
     x = np.append(np.column_stack([start, power]).ravel(), np.zeros(3))
     model = near_model(view, pixel, outline, n_led, ball_radius, depth)
-    found = fit_events([part], model, x, prior)
+    found = fit_events([part], model, x, prior, progress=progress)
     own = found.x[:-3].reshape(n_led, 4)
     center, _ = place_ball(view, outline + found.x[-3:], ball_radius, depth)
     to_led = own[:, :3] - center

@@ -19,6 +19,7 @@ from evsdr.light.camera import view_of
 from evsdr.light.entry import open_scene
 from evsdr.metrics import angular_error_deg
 from evsdr.model.view import depth_of_origin
+from evsdr.progress import Progress, silent
 from evsdr.records import Maps
 
 
@@ -53,7 +54,14 @@ class Cad:
     face_normals: bool = False
 
 
-def pose(folder: Path, scene: Path, cad: Cad, spp: int = 16, define: dict[str, str] | None = None) -> dict:
+def pose(
+    folder: Path,
+    scene: Path,
+    cad: Cad,
+    spp: int = 16,
+    define: dict[str, str] | None = None,
+    progress: Progress = silent,
+) -> dict:
     """Find the pose of a CAD model in the camera's view.
 
     Parameters
@@ -67,6 +75,8 @@ def pose(folder: Path, scene: Path, cad: Cad, spp: int = 16, define: dict[str, s
         Rays per pixel of the normal map.
     define : dict, optional
         Values for the `<default>` parameters of the scene file.
+    progress : callable (detail, share), optional
+        Told how far it is.
 
     Returns
     -------
@@ -93,7 +103,7 @@ def pose(folder: Path, scene: Path, cad: Cad, spp: int = 16, define: dict[str, s
         if maps.mask.shape != shape:
             raise InputError(f"{cad.maps}: it is not as large as the film of {scene}; fit again.")
         evidence = replace(evidence, normal=maps.normal * maps.mask[..., None])
-    found = poses.find_pose(view, model, evidence, depth_of_origin(view, cad.center_z))
+    found = poses.find_pose(view, model, evidence, depth_of_origin(view, cad.center_z), progress)
     matrix = poses.world_matrix(view, model, found)
     (folder / "object.ply").write_bytes(mesh.export(file_type="ply", vertex_normal=True))
     write_scenes(folder, flatten(scene, define or {}), matrix, cad.face_normals)

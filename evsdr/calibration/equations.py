@@ -4,13 +4,15 @@ Lag, noise, a shift of all times, the refractory period, a leak, mean thresholds
 one value is told for all, are unknown as in a fit.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from evsdr.calibration.likelihood import SENSOR, Belief, Model, Sums, first_belief, learnt, moved, sum_parts
 from evsdr.calibration.watched import Watched
+from evsdr.progress import Progress, silent
 from evsdr.solve.shared.pixels import STEPS
 from evsdr.solve.shared.rig import CONSIDERED, NOT_NEGATIVE, Told
 
@@ -22,6 +24,7 @@ START = {"tau": 400.0, "noise": 0.005}  # of a lag [us], and noise
 SCATTER, SPREAD = 0.2, 0.1  # of thresholds, relative, before they are known
 CLEAR = 4.0  # standard deviations from which there is a lag, and a dark current
 N_ROUND, N_STEP = 12, 6  # of steps with one scatter
+MOST_SETTLED = 5  # times that steps are made in `fit_events`
 SMALL_STEP = 0.1  # of all standard deviations, at which they end
 SETTLED = 0.01  # of the scatter
 MODEL_NOISE = 0.05  # by which the noise is found too small, relative; measured on patches under an EVK4
@@ -93,7 +96,12 @@ class Settled:
 
 
 def fit_events(
-    parts: Sequence[Watched], model: Model, start: np.ndarray, prior_sigma: np.ndarray, told: Told = Told()
+    parts: Sequence[Watched],
+    model: Model,
+    start: np.ndarray,
+    prior_sigma: np.ndarray,
+    told: Told = Told(),
+    progress: Progress = silent,
 ) -> Estimate:
     """Find the unknowns that explain the events best.
 
@@ -110,20 +118,22 @@ def fit_events(
         Standard deviation about 0; infinite for what is not known before.
     told : Told
         How well the sensor is known.
+    progress : callable (detail, share), optional
+        Told how far it is.
     """
-    n = len(start)
+    n, settle = len(start), _told_of(progress)
     sensor = [LAG_US, DARK, told.noise, told.shift_us, told.refractory_us, told.leak * 1e-6, told.pole]
     prior = np.concatenate([prior_sigma, sensor, [told.thresholds] * 2])
     belief = first_belief(parts, np.append(start, np.zeros(len(SENSOR))), SCATTER, SPREAD)
-    found = _settle(parts, model, belief, prior, (*LAG, "shift", "dark"))
+    found = settle(parts, model, belief, prior, (*LAG, "shift", "dark"))
     x = found.belief.x.copy()
     for name, value in START.items():
         x[n + SENSOR.index(name)] = value
     x[n + SENSOR.index("refractory")] = 0.0
-    late = _settle(parts, model, replace(found.belief, x=x), prior, (*TIMES, "dark"))
+    late = settle(parts, model, replace(found.belief, x=x), prior, (*TIMES, "dark"))
     if late.shows("tau", found):
-        found = _with_times(parts, model, late, prior)
-        dark = _settle(parts, model, found.belief, prior, tuple(set(found.still) - {"dark"}))
+        found = _with_times(parts, model, late, prior, settle)
+        dark = settle(parts, model, found.belief, prior, tuple(set(found.still) - {"dark"}))
         found = dark if dark.shows("dark", found) else found
     sigma = np.sqrt(np.maximum(np.diagonal(found.covariance), 0))
     residual = np.concatenate(found.sums.residual)
@@ -142,17 +152,35 @@ def fit_events(
     )
 
 
-def _with_times(parts: Sequence[Watched], model: Model, late: Settled, prior: np.ndarray) -> Settled:
+def _told_of(progress: Progress) -> Callable[..., Settled]:
+    """Give `_settle` that tells how far it is, of the five times that it is called at most."""
+    calls = itertools.count()
+
+    def settle(*asked) -> Settled:
+        k = next(calls)
+        return _settle(*asked, lambda share: progress("fit events", (k + share) / MOST_SETTLED))
+
+    return settle
+
+
+def _with_times(
+    parts: Sequence[Watched], model: Model, late: Settled, prior: np.ndarray, settle: Callable[..., Settled]
+) -> Settled:
     """Free those times that are not as told, beyond what the model of a lag and its noise tells wrong."""
-    free = _settle(parts, model, late.belief, prior, ("dark",))
+    free = settle(parts, model, late.belief, prior, ("dark",))
     near = tuple(name for name in TIMES if not free.shows(name, late))
     if not near:
         return free
-    return late if near == TIMES else _settle(parts, model, late.belief, prior, (*near, "dark"))
+    return late if near == TIMES else settle(parts, model, late.belief, prior, (*near, "dark"))
 
 
 def _settle(
-    parts: Sequence[Watched], model: Model, belief: Belief, prior: np.ndarray, still: tuple[str, ...]
+    parts: Sequence[Watched],
+    model: Model,
+    belief: Belief,
+    prior: np.ndarray,
+    still: tuple[str, ...],
+    tell: Callable[[float], object],
 ) -> Settled:
     """Make damped steps (Marquardt 1963) of all but some unknowns of the sensor."""
     n, still = len(prior) - len(SENSOR), (*still, CONSIDERED)
@@ -161,7 +189,8 @@ def _settle(
     least = np.append(np.full(n, -np.inf), [0.0 if name in NOT_NEGATIVE else -np.inf for name in SENSOR])
     least[n + SENSOR.index("refractory")] = -min(part.refractory_us for part in parts)
     pull, damping, converged = prior**-2.0, DAMPING[0], False
-    for _ in range(N_ROUND):
+    for round_ in range(N_ROUND):
+        tell(round_ / N_ROUND)
         sums, longest = sum_parts(parts, model, belief, stirred), 0.0
         for _ in range(N_STEP):
             matrix, slope = sums.matrix + np.diag(pull), sums.gradient + pull * belief.x

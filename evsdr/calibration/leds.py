@@ -24,6 +24,7 @@ from evsdr.light.camera import view_of
 from evsdr.light.entry import open_scene
 from evsdr.metrics import angular_error_deg
 from evsdr.model.view import View, depth_of_origin, pixel_centers
+from evsdr.progress import Progress, silent
 from evsdr.records import Recording
 from evsdr.solve.noise import MISFIT
 
@@ -61,7 +62,13 @@ class Ball:
 
 
 def directions(
-    folder: Path, scene: Path, events: Path, ball: Ball, seed: int = 0, define: dict[str, str] | None = None
+    folder: Path,
+    scene: Path,
+    events: Path,
+    ball: Ball,
+    seed: int = 0,
+    define: dict[str, str] | None = None,
+    progress: Progress = silent,
 ) -> dict:
     """Find where the LEDs are, from a recording of a ball.
 
@@ -78,6 +85,8 @@ def directions(
         Of the choice of events where there are very many.
     define : dict, optional
         Values for the `<default>` parameters of the scene file.
+    progress : callable (detail, share), optional
+        Told how far it is.
 
     Returns
     -------
@@ -100,7 +109,7 @@ def directions(
         position = residual = noise = None
     else:
         found, image, fit = _matt(
-            ball, view, recording, outline, nominal, light.gain.mean(axis=1), ring, seed
+            ball, view, recording, outline, nominal, light.gain.mean(axis=1), ring, seed, progress
         )
         position, outline = found.position, found.outline
         residual, noise = found.solution.residual, found.solution.noise
@@ -184,7 +193,7 @@ def _mirror(ball, view, recording, outline, n_led, seed):
     return found, count_events(recording).astype(float), fit
 
 
-def _matt(ball, view, recording, outline, nominal, gain, ring, seed):
+def _matt(ball, view, recording, outline, nominal, gain, ring, seed, progress):
     shape = (ring.height, ring.width)
     mask = balls.ball_pixels(view, outline, shape, seed)
     part = watch(recording, mask, np.cumsum(mask).reshape(shape) - 1, MOST_EVENTS, seed)
@@ -198,8 +207,8 @@ def _matt(ball, view, recording, outline, nominal, gain, ring, seed):
         far = np.array([ring.leds.is_far(j) for j in range(ring.leds.n_led)])
         distance = np.where(far, FAR * size, 1 / np.sqrt(np.maximum(gain, 1e-12)))
         start = view.point_to_camera(np.zeros(3)) + distance[:, None] * nominal
-        found = balls.solve_near(view, part, pixel, outline, start, START_RATIO, radius, depth)
+        found = balls.solve_near(view, part, pixel, outline, start, START_RATIO, radius, depth, progress)
     else:
-        found = balls.solve_far(view, part, pixel, outline, nominal, START_RATIO)
+        found = balls.solve_far(view, part, pixel, outline, nominal, START_RATIO, progress)
     image = draw.pixel_mean(found.solution.residual, found.solution.pixel, shape)
     return found, image, fit_result(found.solution, [part])

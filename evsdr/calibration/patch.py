@@ -13,6 +13,7 @@ import numpy as np
 from evsdr.calibration.equations import Estimate, fit_events
 from evsdr.calibration.watched import Watched
 from evsdr.errors import InputError
+from evsdr.progress import Progress, silent
 
 VAGUE = 0.5  # relative standard deviation of C_w from which it counts as unknown
 WIDEST = 20.0  # of the logarithm of a power over C_w
@@ -109,6 +110,7 @@ def solve_powers(
     start: np.ndarray,
     start_light: float,
     tilt_sigma_deg: float,
+    progress: Progress = silent,
 ) -> Powers:
     """Find powers and constant light.
 
@@ -123,6 +125,8 @@ def solve_powers(
         Constant light to start from.
     tilt_sigma_deg : float
         Standard deviation of the given tilts, for each of two axes [deg].
+    progress : callable (detail, share), optional
+        Told how far it is.
 
     Raises
     ------
@@ -139,7 +143,7 @@ def solve_powers(
     sigma = np.radians(max(tilt_sigma_deg, LEAST_SIGMA_DEG))
     prior = np.append(np.full(n_led, np.inf), np.full(2 * n_patch, sigma))
     x = np.append(np.log(start / max(start_light, 1e-3 * mean)), np.zeros(2 * n_patch))
-    found = fit_events(parts, patch_model(patches), x, prior)
+    found = fit_events(parts, patch_model(patches), x, prior, progress=progress)
     ratio = np.exp(np.clip(found.x[:n_led], -WIDEST, WIDEST))
     cov = found.covariance[:n_led, :n_led]
     share = ratio / ratio.sum()

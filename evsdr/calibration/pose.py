@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from evsdr.errors import InputError
 from evsdr.files.numbers import read_numbers
 from evsdr.model.view import View
+from evsdr.progress import Progress, silent
 
 FEWEST_POINTS = 4
 POINT_SIGMA = 0.5  # of a point picked by hand [pixels]
@@ -179,7 +180,9 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return table[:, :2], table[:, 2:]
 
 
-def find_pose(view: View, model: CadModel, evidence: PoseEvidence, depth: float) -> Pose:
+def find_pose(
+    view: View, model: CadModel, evidence: PoseEvidence, depth: float, progress: Progress = silent
+) -> Pose:
     """Find the pose that explains points, outline and normals.
 
     Parameters
@@ -190,6 +193,8 @@ def find_pose(view: View, model: CadModel, evidence: PoseEvidence, depth: float)
         Points, or a mask, or both.
     depth : float
         Distance of the mesh's middle from the camera: kept by an orthographic camera, a start for others.
+    progress : callable (detail, share), optional
+        Told how far it is.
 
     Raises
     ------
@@ -204,7 +209,8 @@ def find_pose(view: View, model: CadModel, evidence: PoseEvidence, depth: float)
     x = solver.start()
     outline, across = (None, None) if evidence.mask is None else mask_outline(evidence.mask)
     matched = None
-    for _ in range(MOST_MATCHES if outline is not None else 1):
+    for k in range(MOST_MATCHES if outline is not None else 1):
+        progress("match the outline", k / MOST_MATCHES)
         if outline is not None:
             matched = solver.match(x, outline)
         residuals = solver.residuals(outline, across, matched)

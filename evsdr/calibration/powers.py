@@ -24,6 +24,7 @@ from evsdr.calibration.watched import MOST_EVENTS, Watched, watch
 from evsdr.errors import InputError, check_range
 from evsdr.files.mask import read_mask
 from evsdr.light.entry import open_scene
+from evsdr.progress import Progress, silent
 
 START_LIGHT = 0.05  # C_w to start from where the scene has none, relative to the LEDs
 
@@ -36,6 +37,7 @@ def powers(
     tilt_sigma_deg: float = 0.5,
     seed: int = 0,
     define: dict[str, str] | None = None,
+    progress: Progress = silent,
 ) -> dict:
     """Find relative powers and constant light, from a white patch at several tilts.
 
@@ -51,7 +53,7 @@ def powers(
         Of the patch: a number, or a CSV of wavelength and reflectance.
     tilt_sigma_deg : float
         How well the normals are known [deg].
-    seed, define
+    seed, define, progress
         As in `leds.directions`, like result and errors.
     """
     check_range("--seed", seed, 0)
@@ -67,7 +69,7 @@ def powers(
     first = np.cumsum([0, *(tilt.gain.shape[1] for tilt in tilts)])  # number of each tilt's first point
     parts = [replace(part, point=part.point + n) for part, n in zip(parts, first)]
     start_light = ring.constant_light or START_LIGHT * power.mean()
-    found = patching.solve_powers(list(tilts), parts, power, start_light, tilt_sigma_deg)
+    found = patching.solve_powers(list(tilts), parts, power, start_light, tilt_sigma_deg, progress)
     leds = [
         scale_led(led, float(factor))
         for led, factor in zip(find_leds(flatten(scene, define or {})), found.power / power)

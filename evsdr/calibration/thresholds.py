@@ -16,6 +16,7 @@ from evsdr.errors import InputError
 from evsdr.events.pairs import pair_events
 from evsdr.files.events_h5 import read_recording, write_recording
 from evsdr.files.numbers import read_numbers
+from evsdr.progress import Progress, silent
 from evsdr.records import Recording, Schedule
 
 WAVEFORMS = ("sine-log", "triangle-log", "sine", "triangle")
@@ -209,6 +210,7 @@ def thresholds(
     period_us: float | None = None,
     start_us: float | None = None,
     apply: Sequence[Path] = (),
+    progress: Progress = silent,
 ) -> dict:
     """Measure thresholds per pixel.
 
@@ -225,6 +227,8 @@ def thresholds(
         See `flicker_schedule`.
     apply : sequence of Path
         Recordings to copy with these thresholds.
+    progress : callable (detail, share), optional
+        Told how far it is.
 
     Returns
     -------
@@ -240,6 +244,7 @@ def thresholds(
         if not path.is_file():
             raise InputError(f"{path}: there is no such file; name a recording.")
     recording = read_recording(events)
+    progress("measure", 0.3)  # guessed, as the share below
     wave = log_waveform(waveform, depth)
     schedule = flicker_schedule(recording, period_us, start_us)
     try:
@@ -254,7 +259,8 @@ def thresholds(
             group[f"contrast_threshold_{name}_known"] = one.known
             group.attrs[f"contrast_threshold_{name}"] = float(np.mean(one.value))
         group.attrs["refractory_us"] = recording.sensor.refractory_us
-    for path in apply:
+    for k, path in enumerate(apply):
+        progress(f"write {path.name}", 0.6 + 0.4 * k / len(apply))
         other = read_recording(path)
         if (other.sensor.width, other.sensor.height) != (recording.sensor.width, recording.sensor.height):
             raise InputError(f"{path}: its sensor region differs from that of {events}; record both alike.")

@@ -16,6 +16,7 @@ from evsdr.commands.calibrate_tables import rows_of
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import parse_definitions
 from evsdr.files.atomic import atomic_folder, check_folder
+from evsdr.progress import Progress, Stages
 
 Define = Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction]
 TWELVE = tuple(str(k) for k in range(1, 13))
@@ -201,14 +202,15 @@ def command(options: Options) -> None:
     out = options.out or Path("out") / f"calibrate_{name}"
     check_folder(out)
     with atomic_folder(out, "calibration.json") as folder:
-        result = _calibrate(options, folder)
+        with Stages(f"calibrate {name}", ("estimate",)) as stages, stages.stage("estimate") as advance:
+            result = _calibrate(options, folder, advance)
         text = json.dumps({"evsdr": __version__, "calibrate": name, **result}, indent=2, allow_nan=False)
         (folder / "calibration.json").write_text(text + "\n", encoding="utf-8")
     print_table(f"calibrate {name}", rows_of(name, result))
     print(f"picture: {out / 'residuals.png'}; all else in {out}")
 
 
-def _calibrate(options: Options, folder: Path) -> dict:
+def _calibrate(options: Options, folder: Path, progress: Progress) -> dict:
     """Read, estimate, write; gives what calibration.json holds."""
     asked = {"folder": folder, **vars(options)}
     del asked["out"]
@@ -216,6 +218,8 @@ def _calibrate(options: Options, folder: Path) -> dict:
         asked["define"] = parse_definitions(options.define)
     if isinstance(options, (Directions, Powers, Pose, FromFit)):
         jit.start()  # before what imports Mitsuba
+    if isinstance(options, (Directions, Powers, Thresholds, Pose)):
+        asked["progress"] = progress
     match options:
         case Directions():
             from evsdr.calibration.leds import Ball, directions

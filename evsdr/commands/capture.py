@@ -85,5 +85,5 @@ def record_and_join(options: Options, camera: Camera, open_ring: Callable[[], Ri
 
 def _run(ring: Ring, n_round: int) -> None:
     """Run the ring to its end, with progress; only now, as a camera by hand asks before and after."""
-    with Stages("capture") as stages, stages.stage("record") as advance:
+    with Stages("capture", ("record",)) as stages, stages.stage("record") as advance:
         run_to_end(ring, n_round, advance)

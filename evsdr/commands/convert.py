@@ -117,7 +117,7 @@ def join_files(
     from evsdr.rig.reader import read_camera_file
 
     log = read_ring_log(ring) if isinstance(ring, Path) else None
-    with Stages("convert") as stages:
+    with Stages("convert", ("read recording", "join", "write")) as stages:
         with stages.stage("read recording"):
             camera = read_camera_file(path, options.sensor_size, triggers)
             if ring is None:

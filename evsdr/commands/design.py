@@ -16,7 +16,7 @@ from evsdr.commands.pixel import Pixel
 from evsdr.errors import InputError, check_range, parse_definitions
 from evsdr.events.pixel import EventPixel
 from evsdr.files.atomic import atomic_folder, check_folder
-from evsdr.progress import Stages
+from evsdr.progress import Plan, Stages
 from evsdr.records import Schedule
 from evsdr.solve.shared.rig import Told
 
@@ -67,7 +67,7 @@ def command(options: Options) -> None:
     out = options.out or Path("out") / f"design_{options.scene.stem}"
     check_folder(out)
     pixel = check_options(options)
-    with Stages("design") as stages:
+    with Stages("design", Plan({"start": 1.0, "trace": 1.0, "bound": 8.0})) as stages:
         with stages.stage("start"):
             jit.start()
             from evsdr.light.scene import load_scene

@@ -18,6 +18,7 @@ from evsdr.files.truth import read_truth
 from evsdr.fitting.budget import seconds_so_far
 from evsdr.fitting.entrance import SOLVE, Fit, collected_warnings, fit, load_scene, start
 from evsdr.fitting.settings import PRIORS, SHARED, Settings, check_names
+from evsdr.fitting.timeline import FIT, plan_of
 from evsdr.metrics import score
 from evsdr.progress import Stages
 from evsdr.signals import Patience
@@ -121,13 +122,14 @@ def command(options: Options, told: str = "", began: float | None = None) -> int
 def recover(options: Options, patience: Patience, began: float) -> Fit:
     """Read the files, fit, and compare with the truth if there is one; a stop while the solver runs ends it early."""
     settings = options.settings()
-    with collected_warnings() as messages, Stages("fit") as stages:
+    with collected_warnings() as messages, Stages("fit", FIT) as stages:
         with stages.stage("start"):
             start(options.device)
         with stages.stage("read events"):
             recording = read_recording(options.events)
         with stages.stage("load scene"):
             scene = load_scene(options.scene, **parse_definitions(options.define))
+            stages.expect(plan_of(scene.shape_is_known, settings.preset == "fast"))
             truth = options.truth and read_truth(options.truth, scene.height, scene.width, scene.leds.n_band)
 
         def progress(stage: str, share: float) -> bool:

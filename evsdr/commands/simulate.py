@@ -11,7 +11,7 @@ from evsdr.commands.console import print_table, run_command
 from evsdr.commands.pixel import Pixel
 from evsdr.errors import InputError, check_range, parse_definitions
 from evsdr.files.atomic import atomic_folder, check_folder
-from evsdr.progress import Stages
+from evsdr.progress import Plan, Stages
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,10 @@ def command(options: Options) -> None:
     from evsdr.light.entry import open_scene
 
     _check(options)
-    with Stages("simulate") as stages:
+    with Stages(
+        "simulate",
+        Plan({"read photographs" if options.frames else "render": 1.0, "events": 3.0, "write": 1.0}),
+    ) as stages:
         if options.frames:
             with stages.stage("read photographs"):
                 stack = photographs.read_stack(options.frames)
