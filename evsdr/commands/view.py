@@ -16,6 +16,9 @@ from evsdr.errors import InputError, parse_definitions
 
 CONTRADICTED = 3  # exit status of a recording that contradicts what is told of it
 
+PLAIN = "read recording", "look at pixels", "look for rounds", "look for other light", "write"  # stages
+WITH_SCENE = "read recording", "load scene", *PLAIN[1:-1], "fit quickly", "expected accuracy", "write"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
@@ -60,7 +63,8 @@ def look(options: Options, command: str) -> int:
     from evsdr.viewing.source import open_watched
     from evsdr.viewing.words import meaning
 
-    with Stages("view") as stages:
+    names = PLAIN if options.scene is None else WITH_SCENE
+    with Stages("view", names) as stages:
         with stages.stage("read recording"):
             watched = open_watched(options.events, options.ring, options.sensor_size)
         ring = None
