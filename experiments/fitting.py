@@ -11,6 +11,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from evsdr.threads import limited
+
 SCENES = Path(__file__).resolve().parent.parent / "scenes"
 
 
@@ -77,8 +79,8 @@ def _compare(scene: str, size: int, sensor: list[str], ways: dict[str, list[str]
     Console().print(table)
 
 
-def run(module: str, arguments: list[str], home: str | None = None) -> tuple[float, float]:
-    """Run a command as a process of its own, in another home folder if one is given.
+def run(module: str, arguments: list[str], home: str | None = None, threads: int = 0) -> tuple[float, float]:
+    """Run a command as a process of its own, in another home folder and with so many threads if they are given.
 
     Returns
     -------
@@ -87,7 +89,7 @@ def run(module: str, arguments: list[str], home: str | None = None) -> tuple[flo
     memory : float
         At its peak [MiB].
     """
-    env = os.environ | ({} if home is None else {"HOME": home})
+    env = os.environ | ({} if home is None else {"HOME": home}) | (limited(threads) if threads else {})
     start = time.perf_counter()
     process = subprocess.Popen([sys.executable, "-m", module, *arguments], stdout=subprocess.DEVNULL, env=env)
     _, status, usage = os.wait4(process.pid, 0)

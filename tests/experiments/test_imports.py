@@ -25,6 +25,8 @@ MEASURED = {
     "limit": {"limits", "jit", "events", "model", "solve"},  # fits single pixels under the model's own light
     "picture.py": {"files.daylight"},
     "shared": {"solve.shared"},
+    "fitting.py": {"threads"},
+    "speed_accuracy": {"fitting.budget"},
     "sigma": {"fitting.simulation", "solve.shared"},  # gives rendered images to another event pixel
     "view_faults.py": {"viewing", "fitting.simulation"},  # spoils rendered images
     "table1": {"jit", "scenes"},  # renders by stock Mitsuba

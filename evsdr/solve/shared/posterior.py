@@ -295,4 +295,5 @@ def agreeing(residual: np.ndarray, variance: np.ndarray, offset: np.ndarray, sca
 
 def _stacked(of_pixels: np.ndarray) -> np.ndarray:
     """Set the matrices of pixels one below the other."""
-    return of_pixels.reshape(-1, of_pixels.shape[2])
+    n_pixel, n_row, n_column = of_pixels.shape
+    return of_pixels.reshape(n_pixel * n_row, n_column)  # -1 would not do where nothing is unknown

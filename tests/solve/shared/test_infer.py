@@ -51,6 +51,12 @@ def test_names_limit_what_moves(wrong):
     assert found.wanted["shift"] > 5 and found.wanted.keys() == {"tau", "dark", "noise", "shift", "leak"}
 
 
+def test_nothing_unknown_leaves_all_as_told(wrong):
+    found = wrong.infer(())
+    np.testing.assert_array_equal(found.rig.vector, wrong.told.vector)
+    assert not any(found.turn_deg.values()) and np.isfinite(found.theta).all()
+
+
 def test_a_turn_tells_what_an_error_costs(wrong):
     """Powers taken as told turn normals by about what they are said to."""
     found = wrong.infer()
