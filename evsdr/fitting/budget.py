@@ -42,7 +42,9 @@ COST = {
     "balanced": Cost(2.0, 2.2e-4, 2.5e-6),
     "fast": Cost(1.0, 1.0e-4, 1.4e-6),
 }
-AFTER = Cost(0.3, 6.0e-5, 1.0e-7)  # of what follows: stages that are left end early, then surface, signals, files, page
+AFTER = Cost(
+    0.3, 6.0e-5, 1.0e-7
+)  # of what follows: stages that are left end early, then surface, signals, files, page
 
 
 @dataclass(frozen=True)

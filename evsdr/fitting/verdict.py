@@ -17,6 +17,7 @@ CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for no
 CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are worth a warning
 MENDED_MISFIT = 0.25  # `MISFIT` after LEDs were put right: what remains was not theirs
 UNSCALED = 0.02  # of the known pixels, from which scales that are not known are worth a warning
+FAINT = 0.005  # of an LED's light, below which a constant light is too weak; measured by experiments/extremes: .02 is not
 FEW_KNOWN = 0.5  # of the pixels that fire; guessed
 
 
@@ -100,6 +101,7 @@ def doubts_of(world: World, fitted: Fitted) -> Iterator[str]:
     for decision in world.decisions.values():
         if decision.modelled and decision.warning:
             yield f"{source}: {decision.warning}"
+    yield from faint_light(world, fitted)
     yield from contrary_pixels(world, fitted)
     for name, values in threshold_summary(world.recording, fitted).items():
         if abs(np.log(values["found"] / values["told"])) > WRONG_THRESHOLD:
@@ -108,6 +110,20 @@ def doubts_of(world: World, fitted: Fitted) -> Iterator[str]:
                 f"{values['found']:.3g}; the latter was used: "
                 "check the camera's biases, or the surface is not matt."
             )
+
+
+def faint_light(world: World, fitted: Fitted) -> Iterator[str]:
+    """Say that the constant light is so weak that events in the dark come as fast as the sensor tells times."""
+    veil, known = world.ring.constant_light, fitted.maps.mask_reflectance
+    if veil == 0 or not known.any():
+        return
+    light = np.median([np.mean(np.array(e)) for e in fitted.problem.illumination.irradiance])
+    share = veil / (float(light * np.median(fitted.maps.reflectance[known])) + veil)
+    if share < FAINT:
+        yield (
+            f"{world.ring.path}: constant_light is {share:.2g} of the light of an LED, so weak that errors may be larger than "
+            "sigmas say; make it about half of that light."
+        )
 
 
 def contrary_pixels(world: World, fitted: Fitted) -> Iterator[str]:

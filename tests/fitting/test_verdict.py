@@ -44,6 +44,12 @@ def test_what_a_user_should_look_into(given, fit, words):
     assert said(words, world(**given), fitted(**fit)).startswith("doubtful: b.h5: ")
 
 
+def test_a_constant_light_that_is_too_weak_is_a_doubt():
+    weak = said("^a.xml: constant_light is 0.002 of the light", world(constant_light=1e-3), fitted())
+    assert weak.startswith("doubtful: a.xml: ")
+    assert str(judge(world(constant_light=0.01), fitted())) == TRUSTWORTHY
+
+
 def test_a_fit_that_was_stopped_is_doubtful():
     assert said("stopped early", world(), fitted(), True).startswith(
         "doubtful: b.h5: this fit was stopped early"

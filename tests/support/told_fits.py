@@ -23,11 +23,15 @@ def fitted(gain=None, noise=0.1, noisy=0, known=N, scaled=N, busy=0):
         prior_scale={"rank": 3},
     )
     mask, mask_reflectance = ((np.arange(N) < n).reshape(10, 10) for n in (known, min(known, scaled)))
-    maps = SimpleNamespace(mask=mask, mask_reflectance=mask_reflectance)
+    reflectance = np.full((10, 10, 3), 0.5)
+    maps = SimpleNamespace(mask=mask, mask_reflectance=mask_reflectance, reflectance=reflectance)
     count = np.full(N, 20)
     count[:busy] *= 9
     told = SimpleNamespace(offset=np.append(0, np.cumsum(count)).astype(np.uint32))
-    problem = SimpleNamespace(pixel=np.arange(N), n_pixel=N, fired=np.ones(N, bool), told=told)
+    light = SimpleNamespace(irradiance=[np.ones(N)] * 3)
+    problem = SimpleNamespace(
+        pixel=np.arange(N), n_pixel=N, fired=np.ones(N, bool), told=told, illumination=light
+    )
     return SimpleNamespace(solution=solution, maps=maps, problem=problem)
 
 
