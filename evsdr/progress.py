@@ -125,7 +125,7 @@ class Stages(Seconds):
         Its stages, or their names if they take equally long.
     """
 
-    def __init__(self, title: str, plan: Plan | tuple[str, ...]):
+    def __init__(self, title: str, plan: Plan | tuple[str, ...] = ()):
         super().__init__(self.show)
         self._whole = Whole(plan if isinstance(plan, Plan) else Plan(dict.fromkeys(plan, 1.0)))
         self._begin = self._said = time.monotonic()

@@ -17,10 +17,16 @@ PYPROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
 PROJECT = PYPROJECT["project"]
 
 
-@pytest.mark.parametrize("name", ["evsdr-design", "evsdr-fit", "evsdr-simulate"])
-def test_console_scripts_lead_to_a_function(name):
-    module, function = PROJECT["scripts"][name].split(":")
-    assert callable(getattr(importlib.import_module(module), function))
+def test_every_command_has_a_console_script_that_leads_to_a_function():
+    doors = {
+        file.stem for file in (REPOSITORY / "evsdr").glob("*.py") if "open_door(" in file.read_text()
+    } - {"door"}
+    assert PROJECT["scripts"] == {
+        f"evsdr-{door.replace('_', '-')}": f"evsdr.commands.{door}:main" for door in doors
+    }
+    assert doors == set(DOORS)
+    for door in doors:
+        assert callable(importlib.import_module(f"evsdr.commands.{door}").main)
 
 
 @pytest.mark.parametrize("module", ["evsdr", "evsdr.jit", "evsdr.records", "evsdr.errors"])
