@@ -12,7 +12,6 @@ it is symmetric about its maximum, whatever the scene.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from evsdr.records import Recording
 
@@ -128,6 +127,8 @@ def _pairs(
 
 def _coarse(group: np.ndarray, t: np.ndarray, lags: np.ndarray, round_us: float, blur: float) -> float:
     """Give the relative deviation, within `REACH`, at which S is greatest."""
+    from scipy.ndimage import gaussian_filter1d  # late, so that the help of a command is quick
+
     reach = REACH * lags * round_us + WIDE * blur
     away, lag, _ = _pairs(group, t, lags, round_us, reach)
     step = blur / 4
