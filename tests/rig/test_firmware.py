@@ -12,7 +12,7 @@ from evsdr.rig.driver import Ring, RingSettings
 from evsdr.rig.protocol import frame
 from experiments.bench import simulator
 from experiments.bench.__main__ import run_settings
-from experiments.bench.darkness import ENDINGS, end_early
+from experiments.bench.darkness import ENDINGS, SUPPLY, end_early
 from experiments.bench.fuzz import fuzz
 from experiments.bench.light import carrier_khz, edge_error_us, light_error, read_trace, stray_pulses
 from experiments.bench.simulator import Script
@@ -114,11 +114,21 @@ def test_a_flood_in_the_shortest_slots_does_no_harm(flood, end):
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_all_is_dark_in_time(ending):
-    us, lines = end_early(ending)
-    assert us <= {"stop": 1000, "reset": 0, "host silent": 42_000, "cable pulled": 42_000}.get(ending, 20_000)
-    resets = sum(line.text == "reset" for line in lines)
-    assert resets == 1 + (ending not in ("stop", "host silent", "cable pulled"))
+def test_all_is_dark_in_time(ending, tmp_path):
+    us, lines = end_early(ending, vcd=tmp_path / "pins.vcd")
+    at_once = {"stop": 1000, "reset": 0, "reset, then the bootloader": 0}
+    falls = {name: 3000 for name in SUPPLY}
+    silent = {"host silent": 42_000, "cable pulled": 42_000, "host silent, ALIVE 49": 50_000}
+    assert us <= {**at_once, **falls, **silent}.get(ending, 20_000)
+    goes_on = {"stop", "supply sags to 3.5 V", *silent}
+    assert (sum(line.text == "reset" for line in lines) > 1) == (ending not in goes_on)
+    time_cycles, value = read_changes(tmp_path / "pins.vcd")[0]["light"]
+    assert list(value) == ([0, 1] if ending == "stop" else [0, 1, 0])  # the constant light stays only then
+
+
+@pytest.mark.parametrize("ending", ["USB unplugged", "USB unplugged and plugged in"])
+def test_a_supply_of_their_own_would_light_the_leds_of_a_dead_uno(ending):
+    assert end_early(ending, apart_mv=5000)[0] == np.inf
 
 
 def test_reset_is_told():
