@@ -15,7 +15,8 @@ from evsdr.commands.console import print_table, run_command
 from evsdr.commands.pixel import Pixel
 from evsdr.errors import InputError, check_range, parse_definitions
 from evsdr.events.pixel import EventPixel
-from evsdr.files.atomic import atomic_folder, check_folder
+from evsdr.files.atomic import atomic_folder, atomic_path, check_folder
+from evsdr.limits.drawing import ring_drawing
 from evsdr.progress import Plan, Stages
 from evsdr.records import Schedule
 from evsdr.solve.shared.rig import Told
@@ -43,6 +44,10 @@ class Options:
     """Fraction of a slot's end over which an LED fades into the next; 0 is a hard switch."""
     leds_told_to: float = 0.0
     """How well the scene tells the directions of far LEDs: one standard deviation [deg]; 0 takes them as told."""
+    drawing: Path | None = None
+    """Write a drawing of the ring too: an SVG in millimetres, with each LED's place."""
+    led_distance_mm: float = 150.0
+    """Distance of the LEDs from the centre of the object in that drawing [mm]."""
     shininess: float = 32.0
     """Blinn-Phong exponent of the gloss."""
     gloss_threshold: float = 0.5
@@ -89,6 +94,9 @@ def command(options: Options) -> None:
     with atomic_folder(out, "design.json") as folder:
         draw(limit.told, mask, folder / "bound.png")
         (folder / "design.json").write_text(json.dumps(design, indent=2, allow_nan=False) + "\n")
+    if options.drawing:
+        with atomic_path(options.drawing) as temporary:
+            temporary.write_text(ring_drawing(design["leds"], options.led_distance_mm), encoding="utf-8")
     print_leds(design["leds"])
     for problem in design["problems"]:
         print(f"- {problem}")
@@ -105,6 +113,12 @@ def check_options(options: Options) -> EventPixel:
         ("leds-told-to", options.leds_told_to, 0 <= options.leds_told_to < 45, "degrees, 0 to 45"),
         ("crossfade", options.crossfade, 0 <= options.crossfade <= 1, "a number from 0 to 1"),
         ("shininess", options.shininess, 0 < options.shininess < np.inf, "a number above 0"),
+        (
+            "led-distance-mm",
+            options.led_distance_mm,
+            0 < options.led_distance_mm < 1e5,
+            "millimetres above 0",
+        ),
         ("gloss-threshold", options.gloss_threshold, 0 < options.gloss_threshold <= 1, "0 to 1, above 0"),
     ):
         if not right:

@@ -323,6 +323,11 @@ class Ring:
                 self._look(self._link.ask("STATUS"))
         self._end("lost")  # unless the ring has told why it ended
 
+    @property
+    def silence_ms(self) -> float:
+        """The longest time yet between two lines to the ring [ms]; all goes dark after 50."""
+        return self._link.silence_ms
+
     def status(self) -> dict[str, str]:
         """Ask for the state: `run`, `rounds`, `light` and `cause`, the end of the last run."""
         return self._ask("STATUS").values
@@ -351,7 +356,7 @@ class Ring:
     def _end(self, ended: str, cause: str = "") -> None:
         if self._ended.is_set():
             return
-        silence = f", {self._link.silence_ms:.0f} ms without a line to it" if cause == "alive" else ""
+        silence = f", {self.silence_ms:.0f} ms without a line to it" if cause == "alive" else ""
         self._note(f"{ended} ({cause}{silence})" if ended == "watchdog" else ended)
         self.log.ended = ended
         self._ended.set()

@@ -1,15 +1,17 @@
 """A process that talks to the ring, so that it is kept alive however busy the host's own process is.
 
-The host opens the port, and starts this with the descriptors of the port and of a socket. Over the socket it sends
+The host opens the port, and starts this with the descriptors of the port and of a socket. Over the socket it
+sends
 
     NAME PATIENCE_S COMMAND      and gets      NAME OK words | NAME ERR words | NAME LOST why
 
-and, whenever the ring says so, `S SILENCE_MS OK words` (an answer to STATUS, and the longest time yet between two
-lines to the ring), `# BOOT ...` (it has started) and `! why` (nothing has come for long). A request is sent again
-when no answer has come for REPEAT_S. Once the ring has answered at all, STATUS goes out every BEAT_S, whatever else
-is under way. When the socket closes the process ends, and with its beats the light.
+and, whenever the ring says so, `S SILENCE_MS OK words` (an answer to STATUS, and the longest time yet between
+two lines to the ring), `# BOOT ...` (it has started) and `! why` (nothing has come for long). A request is sent
+again when no answer has come for REPEAT_S. Once the ring has answered at all, STATUS goes out every BEAT_S,
+whatever else is under way. When the socket closes the process ends, and with its beats the light.
 """
 
+import contextlib
 import os
 import select
 import signal
@@ -161,12 +163,17 @@ def serve(port: int, host: socket.socket) -> None:
             host.sendall("".join(f"{line}\n" for line in told).encode())
 
 
+def go_first() -> None:
+    """Run before all that can wait, where the system lets us: root, or whom limits.conf gives rtprio."""
+    with contextlib.suppress(OSError, AttributeError):  # not on macOS
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(20))
+
+
 def main() -> None:
     """Run as a process; a signal to the whole group is the host's business."""
+    go_first()
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
     port, host = (int(word) for word in sys.argv[1:3])
-    try:
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the host has gone
         serve(port, socket.socket(fileno=host))
-    except (BrokenPipeError, ConnectionResetError):
-        pass  # the host has gone

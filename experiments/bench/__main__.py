@@ -13,11 +13,13 @@ from evsdr import InputError
 from evsdr.commands.console import print_table, run_command
 from evsdr.rig.driver import RingSettings, order_commands
 from experiments.bench import fuzz, light, simulator
+from experiments.bench.alive import run_beside
 from experiments.bench.darkness import ENDINGS, end_early
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 DARK_US = 50_000.0
 FUZZERS = 2
+BUSY = 4
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,8 @@ class Options:
     """Random and mutated protocol lines."""
     seed: int = 0
     """Of those lines."""
+    alive_runs: int = 3
+    """Runs of 10 s beside four busy processes."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -47,7 +51,7 @@ def command(options: Options, failed: list[str]) -> None:
     if lacks:
         raise InputError(f"The bench can't run: {lacks}; install gcc-avr, avr-libc and libsimavr-dev.")
     simulator.build()
-    for part in (timing, darkness, lines, loop):
+    for part in (timing, darkness, lines, alive, loop):
         start = time.monotonic()
         rows = part(options)
         failed += [name for name, _, right in rows if not right]
@@ -107,12 +111,16 @@ def timing(options: Options) -> list[tuple[str, str, bool]]:
 
 
 def darkness(options: Options) -> list[tuple[str, str, bool]]:
-    """Time to the dark, when a run ends before its time."""
+    """Time to the dark, when a run ends before its time or the supply fails."""
     rows = []
     for ending in ENDINGS:
         us, _ = end_early(ending)
         rows.append((ending, f"{1e-3 * us:.3f} ms", us <= DARK_US))
-    return rows
+    us, _ = end_early("USB unplugged", apart_mv=5000)
+    return [
+        *rows,
+        ("USB unplugged, LEDs with a supply of their own", "lit" if us > DARK_US else "dark", us > DARK_US),
+    ]
 
 
 def lines(options: Options) -> list[tuple[str, str, bool]]:
@@ -130,6 +138,17 @@ def lines(options: Options) -> list[tuple[str, str, bool]]:
         ("longest light without a host", f"{1e-3 * longest:.1f} ms", longest <= DARK_US),
         ("valid commands refused afterwards", ", ".join(refused) or "none", not refused),
         ("dark at the end", "yes" if dark else "no", dark),
+    ]
+
+
+def alive(options: Options) -> list[tuple[str, str, bool]]:
+    """Keep-alive beside four busy processes and a busy host, at the pace of a real chip."""
+    runs = [run_beside(10.0, BUSY) for _ in range(options.alive_runs)]
+    done = sum(run.ended == "done" for run in runs)
+    return [
+        ("runs of 10 s that ended well", f"{done} of {len(runs)}", done == len(runs)),
+        ("longest time without a line to the ring", f"{max(run.silence_ms for run in runs):.1f} ms", True),
+        ("simulated chip late by at most", f"{max(run.late_ms for run in runs):.1f} ms", True),
     ]
 
 

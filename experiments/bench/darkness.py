@@ -58,7 +58,9 @@ def end_early(ending: str, apart_mv: int = 0, vcd: Path | None = None) -> tuple[
     lines : list of Line
         What the bench said.
     """
-    script = Script().add(f"apart {apart_mv}").ask("SLOT 1000 1000000", "ROUNDS 0").beat().ask("LIGHT 1", "RUN")
+    script = (
+        Script().add(f"apart {apart_mv}").ask("SLOT 1000 1000000", "ROUNDS 0").beat().ask("LIGHT 1", "RUN")
+    )
     script.add(f"wait {BEFORE_US}", "mark", *ENDINGS[ending], "wait 300000", "mark")
     lines = script.run(vcd)
     start = next(line.t_us for line in lines if line.text == "mark")

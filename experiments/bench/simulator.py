@@ -79,9 +79,14 @@ class Script:
 
 
 @contextmanager
-def beside_host(vcd: Path | None = None) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
-    """Run the bench beside a host; gives the name of its terminal, and the process, to send it commands."""
-    command = [BENCH, ELF, "--pty", *(("--vcd", vcd) if vcd else ())]
+def beside_host(
+    vcd: Path | None = None, real: bool = False, last: list[str] | None = None
+) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+    """Run the bench beside a host; gives the name of its terminal, and the process, to send it commands.
+
+    With `real` the chip's time does not wait for a host that is late; `last` gets the last line of the output.
+    """
+    command = [BENCH, ELF, "--real" if real else "--pty", *(("--vcd", vcd) if vcd else ())]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
     ) as bench:
@@ -90,7 +95,9 @@ def beside_host(vcd: Path | None = None) -> Iterator[tuple[str, "subprocess.Pope
             yield port, bench
             bench.stdin.write("quit\n")
             bench.stdin.close()
-            bench.stdout.read()
+            told = bench.stdout.read()
+            if last is not None:
+                last += told.splitlines()[-1:]
             bench.wait(timeout=60)
         finally:
             bench.kill()
