@@ -106,6 +106,10 @@ def command(options: Options) -> None:
 
 def check_options(options: Options) -> EventPixel:
     """Check what the scene has no part in, and give the event pixel."""
+    if options.drawing and not options.drawing.parent.is_dir():
+        raise InputError(
+            f"{options.drawing.parent}: there is no such folder; make it, or give another --drawing."
+        )
     for name, least in (("rounds", 1), ("spp", 1), ("seed", 0)):
         check_range(f"--{name}", getattr(options, name), least)
     for name, value, right, what in (
