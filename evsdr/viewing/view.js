@@ -19,7 +19,7 @@ function picturesOf(view) {
   const kinds = () => Uint8Array.from({ length: 3 * view.n }, (_, k) => 255 * KINDS_OF_PIXEL.find(([is]) => is(view.state[Math.floor(k / 3)]))[1][k % 3]);
   const all = view.on.map((v, k) => v + view.off[k]);
   const slots = (view.schedule?.order ?? []).map((led, k) => ({
-    id: `slot_${k}`, slot: k, name: `Events of slot ${k}: ${led < 0 ? "dark" : `LED ${led}`}`, words: "Events while this LED fades into the next, of those that the page holds.", bit: STORED, ramp: "sea", zero: true, values: () => countInSlot(view, k),
+    id: `slot_${k}`, slot: k, name: `Events of slot ${k}: ${led < 0 ? "dark" : `LED ${led}`}`, words: "Events while this LED fades into the next, of those that the page holds.", bit: ALL, ramp: "sea", zero: true, values: () => countInSlot(view, k),
   }));
   return [
     { id: "events", name: "Events", words: "Events of each pixel.", bit: ALL, ramp: "sea", zero: true, values: () => all },
@@ -72,7 +72,7 @@ async function main() {
   drawAll(view);
   await showPicture();
   choose(state.chosen.x, state.chosen.y);
-  window.evsdr = { view, choose, show: showNamed, course: (x, y) => courseOf(view, x, y), model: (x, y) => modelOf(view, x, y) };
+  window.evsdr = { view, choose, show: showNamed, course: (x, y) => courseOf(view, x, y), model: (x, y) => modelOf(view, x, y), slot: (k) => Array.from(countInSlot(view, k)) };
   document.documentElement.dataset.ready = "yes";
 }
 

@@ -27,14 +27,15 @@ function slotAt(view, t) {
   return { round: low, at: Math.min(((at - starts[low]) / (Math.abs(length / (slot * order.length) - 1) < 0.5 ? length / order.length : slot)) % order.length, order.length - 1e-6) };
 }
 
-// How many stored events of each pixel lie in a slot.
+// How many events of each pixel lie in a slot; those of pixels without stored events are those of the nearest that has.
 function countInSlot(view, slot) {
-  const out = new Float32Array(view.n);
+  const out = new Float32Array(view.n), { width, stride } = view;
   for (let at = 0; at < view.n; at++)
     for (let k = view.first[at]; k < view.first[at + 1]; k++) {
       const where = slotAt(view, view.time[k]);
       if (where !== -1 && Math.floor(where.at) === slot) out[at]++;
     }
+  if (stride > 1) return out.map((_, at) => out[at - (at % width % stride) - width * (Math.floor(at / width) % stride)]);
   return out;
 }
 
