@@ -4,10 +4,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from evsdr.integrators.leds import Leds
 from evsdr.integrators.ring import camera_frame, find_object, pixel_mean, rotate
 from evsdr.light.camera import camera_geometry
 from evsdr.light.scene import RingScene
 from evsdr.model import quadrature
+from evsdr.model.arrays import owned
 from evsdr.records import Maps
 
 TRUTH_NODES = 16  # of the quadrature of true reflectances: four times those of the renderer
@@ -39,11 +41,16 @@ def object_depth(ring: RingScene) -> np.ndarray:
     return dr.select(seen, distance, 0.0).numpy().reshape(ring.height, ring.width)
 
 
-def _fine_quadrature(spectrum: np.ndarray, curves: list) -> list[tuple[mi.Spectrum, mi.Spectrum]]:
-    """Give nodes and weights in packets of four, more of them than the renderer uses."""
-    rule = quadrature.quadrature_for(spectrum, curves, TRUTH_NODES, TRUTH_TOLERANCE)
-    return [
-        tuple(mi.Spectrum(part.tolist()) for part in pair) for pair in zip(*(q.reshape(-1, 4) for q in rule))
+def _fine_quadrature(leds: Leds) -> tuple[mi.Float, list[mi.Float]]:
+    """Give nodes of all bands in packets of four, more of them than the renderer uses, and weights for each band."""
+    rules = [
+        quadrature.quadrature_for(spectrum, leds.curves, TRUTH_NODES, TRUTH_TOLERANCE)
+        for spectrum in leds.band_spectrum
+    ]
+    node, weight = (np.concatenate([np.ravel(rule[k]) for rule in rules]) for k in (0, 1))
+    band = np.repeat(range(leds.n_band), [np.size(rule[0]) for rule in rules])
+    return owned(mi.Float, node), [
+        owned(mi.Float, np.where(band == b, weight, 0.0)) for b in range(leds.n_band)
     ]
 
 
@@ -53,20 +60,26 @@ def surface_maps(ring: RingScene, spp: int, seed: int = 0) -> Maps:
     The mask holds the pixels that the object covers whole. Reflectance is that of diffuse reflection.
     """
     leds, frame = ring.leds, camera_frame(ring.sensor)
-    packets = [_fine_quadrature(spectrum, leds.curves) for spectrum in leds.band_spectrum]
+    nodes, weights = _fine_quadrature(leds)
     target = find_object(ring.scene)
 
     def measure(si, ray, rng, active):
         active = active & si.is_valid() & (si.shape == target)
         normal = rotate(frame, dr.mulsign(si.sh_frame.n, si.wi.z))
-        values = [mi.Float(1.0), *normal]
         bsdf = si.bsdf(ray)
-        for band in packets:
-            total = mi.Float(0.0)
-            for nodes, weights in band:
-                si.wavelengths = nodes
-                total += dr.sum(weights * bsdf.eval_diffuse_reflectance(si, active))
-            values.append(total)
+
+        def add(i, *total):
+            here = mi.SurfaceInteraction3f(si)
+            here.wavelengths = dr.gather(mi.Spectrum, nodes, i)
+            seen = bsdf.eval_diffuse_reflectance(here, active)
+            return (i + 1, *(t + dr.sum(dr.gather(mi.Spectrum, w, i) * seen) for t, w in zip(total, weights)))
+
+        zero = [
+            dr.zeros(mi.Float, dr.width(si.t)) for _ in weights
+        ]  # a loop, as unrolled it takes seconds to compile
+        n_packet = dr.width(nodes) // 4
+        _, *reflectance = dr.while_loop((mi.UInt32(0), *zero), lambda i, *_: i < n_packet, add)
+        values = [mi.Float(1.0), *normal, *reflectance]
         return [dr.select(active, v, 0.0) for v in values]
 
     values = pixel_mean(ring.scene, ring.sensor, spp, seed, 4 + leds.n_band, measure)
