@@ -28,6 +28,7 @@ def led_images(ring: RingScene, spp: int, seed: int = 0) -> np.ndarray:
     (n_led, height, width) float32
     """
     signal = ring.integrator.signals(ring.scene, ring.sensor, spp, seed)
+    dr.eval(signal)  # all in one, or the camera's rays are traced for each LED
     images = np.stack([s.numpy().reshape(ring.height, ring.width) for s in signal])
     return images if ring.trim is None else images * ring.trim[:, None, None].astype(np.float32)
 
