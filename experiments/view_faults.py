@@ -10,7 +10,8 @@ import numpy as np
 
 import evsdr
 from evsdr.fitting.simulation import render
-from evsdr.viewing.checks import DOUBTFUL, WRONG, examine, verdict
+from evsdr.viewing.check import DOUBTFUL, WRONG, verdict
+from evsdr.viewing.checks import examine
 from evsdr.viewing.look import look_at
 from evsdr.viewing.source import open_watched
 from experiments.lamp import under_a_lamp

@@ -33,6 +33,8 @@ class Options:
     """Page to write; by default view.html with the name of the recording before it, beside it."""
     ring: Path | None = None
     """Log of the ring, ring.json, for a camera's file: it tells the schedule."""
+    start_us: float | None = None
+    """Start of the first round on the camera's clock [us], beside --ring, for a recording without triggers."""
     sensor_size: tuple[int, int] | None = None
     """Width and height of the sensor, where the file does not tell."""
     define: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction] = field(
@@ -57,7 +59,8 @@ def look(options: Options, command: str) -> int:
     from evsdr.files.atomic import atomic_path
     from evsdr.fitting.entrance import load_scene
     from evsdr.progress import Stages
-    from evsdr.viewing import checks
+    from evsdr.viewing.check import verdict
+    from evsdr.viewing.checks import examine
     from evsdr.viewing.document import page
     from evsdr.viewing.look import look_at
     from evsdr.viewing.source import open_watched
@@ -66,16 +69,16 @@ def look(options: Options, command: str) -> int:
     names = PLAIN if options.scene is None else WITH_SCENE
     with Stages("view", names) as stages:
         with stages.stage("read recording"):
-            watched = open_watched(options.events, options.ring, options.sensor_size)
+            watched = open_watched(options.events, options.ring, options.sensor_size, options.start_us)
         ring = None
         if options.scene is not None:
             with stages.stage("load scene"):
                 ring = load_scene(options.scene, **define)
         found = look_at(watched, ring, stages)
-        answers = checks.examine(found)
+        answers = examine(found)
         with stages.stage("write"), atomic_path(out) as temporary:
             temporary.write_text(page(found, answers, command), encoding="utf-8")
-    word = checks.verdict(answers)
+    word = verdict(answers)
     rows = [(check.name, check.state) for check in answers]
     print_table(
         str(options.events), [*rows, ("verdict", word), ("seconds", f"{sum(stages.seconds.values()):.2f}")]

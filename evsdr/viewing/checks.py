@@ -1,15 +1,15 @@
 """What a user should know of a recording, in plain sentences: each finding with its remedy, and a verdict on all."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from evsdr.records import Events, Recording
 from evsdr.rig import health
+from evsdr.viewing.check import DOUBTFUL, FINE, OPEN, WRONG, Check
 from evsdr.viewing.look import Look
+from evsdr.viewing.scene_checks import accuracy, set_up
 
-FINE, DOUBTFUL, WRONG, OPEN = "fine", "doubtful", "contradicted", "not told"
-VERDICT = {FINE: "good", DOUBTFUL: "doubtful", WRONG: "contradicted"}
 LISTED = 5  # rounds or times that a sentence names
 UNSTEADY = 0.003  # share of events against the grain; measured: clean 0.0002, a lamp 0.006 to 0.15
 NOISE = 0.05  # the same where they keep time with nothing
@@ -19,43 +19,10 @@ MANY = 0.05  # of the lit pixels, that are saturated; hard switches leave 0.01
 HOT = 1e-3  # of the pixels
 
 
-@dataclass(frozen=True)
-class Check:
-    """One question that a recording was asked.
-
-    Attributes
-    ----------
-    name : str
-    state : str
-        `FINE`, `DOUBTFUL`, `WRONG`, or `OPEN` where nothing tells.
-    said : str
-        What was found.
-    remedy : str
-        What to do about it, if anything.
-    """
-
-    name: str
-    state: str
-    said: str
-    remedy: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.said}: {self.remedy}." if self.remedy else f"{self.said}."
-
-
 def examine(look: Look) -> list[Check]:
     """Ask all questions."""
     questions = (amount, triggers, schedule, leds, room_light, saturation, hot_and_silent, set_up, accuracy)
     return [question(look) for question in questions]
-
-
-def verdict(checks: list[Check]) -> str:
-    """Sum up."""
-    states = {check.state for check in checks}
-    return VERDICT[next(s for s in (WRONG, DOUBTFUL, FINE) if s in states or s == FINE)]
-
-
-# ---------------------------------------------------------------------- what the events tell alone
 
 
 def amount(look: Look) -> Check:
@@ -238,54 +205,3 @@ def hot_and_silent(look: Look) -> Check:
 def untrusted(look: Look) -> bool:
     """Tell whether slots are not where the schedule says."""
     return look.rounds is None or bool(look.rounds.late_us)
-
-
-# ---------------------------------------------------------------------- what a scene tells
-
-
-def set_up(look: Look) -> Check:
-    """Do image, order of the LEDs and events go with the scene?"""
-    name, found = "scene", look.fit
-    if look.rounds is None:
-        return Check(name, OPEN, "Without a schedule nothing can be compared with a scene")
-    if found is None:
-        return Check(
-            name, OPEN, "Swapped LEDs and a mirrored image can't be seen without a scene", "give scene.xml"
-        )
-    told, wiring = found.decisions.get("set-up"), found.decisions.get("wiring")
-    if told is not None and told.answer is not None:
-        return Check(name, WRONG, sentence(str(told.answer)), told.found["remedy"])
-    if wiring is not None and wiring.modelled:
-        remedy = wiring.answer.hypothesis.remedy
-        return Check(name, DOUBTFUL, sentence(str(wiring.answer)), remedy)
-    noise = found.solution.noise
-    said = f"the best maps leave {noise:.1%} of a threshold unexplained of an event"
-    if found.contradicted:
-        return Check(
-            name, WRONG, sentence(said), "check order, slot_us, triggers, thresholds and constant_light"
-        )
-    if look.noisy:
-        return Check(
-            name,
-            DOUBTFUL,
-            sentence(f"{said}, where 4 to 8 % are usual"),
-            "see what else is odd, and the thresholds",
-        )
-    return Check(name, FINE, f"It goes with the events: {said}")
-
-
-def accuracy(look: Look) -> Check:
-    """What may a fit be expected to give?"""
-    name, found = "expected accuracy", look.expected
-    if found is None:
-        why = (
-            "Without a scene nobody can tell" if look.fit is None else "Mend what contradicts the files first"
-        )
-        return Check(name, OPEN, why)
-    more = f"normals within {found.normal_deg:.2g}° and reflectances within {found.reflectance:.2g} at best (1 sigma, median)"
-    return Check(name, FINE, f"{look.n_round} rounds tell a pixel alone {more}")
-
-
-def sentence(text: str) -> str:
-    """Begin with a capital, and end without a full stop."""
-    return (text[:1].upper() + text[1:]).rstrip(".")

@@ -7,7 +7,7 @@ from pathlib import Path
 from evsdr import __version__
 from evsdr.page import document as report
 from evsdr.viewing import words
-from evsdr.viewing.checks import Check, verdict
+from evsdr.viewing.check import Check, verdict
 from evsdr.viewing.contents import MOST_EVENTS, contents
 from evsdr.viewing.look import Look
 

@@ -58,7 +58,11 @@ class Watched:
 
 
 def open_watched(
-    path: Path, ring: Path | None = None, size: tuple[int, int] | None = None, most: int = MOST_EVENTS
+    path: Path,
+    ring: Path | None = None,
+    size: tuple[int, int] | None = None,
+    start_us: float | None = None,
+    most: int = MOST_EVENTS,
 ) -> Watched:
     """Open any file of events.
 
@@ -70,6 +74,8 @@ def open_watched(
         Log of the ring, for a camera's file: it tells the schedule.
     size : (width, height), optional
         Of the sensor, where the file does not tell.
+    start_us : float, optional
+        Start of the first round [us], for a log of the ring and a file without triggers.
     most : int
         Events to look at.
 
@@ -88,14 +94,24 @@ def open_watched(
         events, edges, schedule = camera.events, camera.edges, None
         sensor = Sensor(camera.width, camera.height, **SENSOR_DEFAULTS, guessed=tuple(SENSOR_DEFAULTS))
     if ring is not None:
-        log = read_ring_log(ring)
-        schedule = Schedule(log.order, log.slot_us, log.crossfade, float(events.t[0]))
+        schedule = schedule_of(path, ring, edges, start_us)
     if len(events) < 2 or events.t[-1] <= events.t[0]:
         raise InputError(f"{path}: it holds {len(events)} events at one time; record again with the ring on.")
     n = len(events)
     if n > most:
         events = between(events, events.t[0], events.t[most])
     return Watched(Path(path), events, edges, sensor, schedule, n)
+
+
+def schedule_of(path: Path, ring: Path, edges: Edges, start_us: float | None) -> Schedule:
+    """Give the schedule of a log of the ring."""
+    log, rising = read_ring_log(ring), edges.t[edges.p == 1]
+    if start_us is None and not len(rising):
+        raise InputError(
+            f"{path}: it holds no trigger edges, so that nothing tells when rounds start; give --start-us, or look at it "
+            "without --ring."
+        )
+    return Schedule(log.order, log.slot_us, log.crossfade, float(rising[0] if start_us is None else start_us))
 
 
 def has_schedule(path: Path) -> bool:

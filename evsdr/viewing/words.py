@@ -5,7 +5,7 @@ from html import escape
 import numpy as np
 
 from evsdr.page.words import table
-from evsdr.viewing.checks import DOUBTFUL, FINE, OPEN, WRONG, Check
+from evsdr.viewing.check import DOUBTFUL, FINE, OPEN, WRONG, Check
 from evsdr.viewing.look import Look
 
 MEANING = {

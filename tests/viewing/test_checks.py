@@ -2,16 +2,13 @@
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from evsdr.effects.effect import Decision
-from evsdr.effects.hypotheses import images
-from evsdr.effects.setup import Finding
 from evsdr.fitting.simulation import simulate
-from evsdr.viewing.checks import DOUBTFUL, FINE, OPEN, WRONG, examine, set_up, verdict
+from evsdr.viewing.check import DOUBTFUL, FINE, OPEN, WRONG, verdict
+from evsdr.viewing.checks import examine
 from evsdr.viewing.look import look_at
 from tests.support.setups import scene_of
 from tests.support.watched_files import PIXEL, ball_signal, lamp_recording, recorded, watched
@@ -122,27 +119,3 @@ def test_without_a_schedule_little_is_told():
     assert odd(found) == {}
     assert {n for n, c in found.items() if c.state == OPEN} >= {"schedule", "LEDs", "room light", "scene"}
     assert "come again every 240 ms" in str(found["schedule"])
-
-
-# ---------------------------------------------------------------------- what a fit decides
-
-
-def looked(contradicted=False, noise=0.05, **decisions):
-    fit = SimpleNamespace(
-        decisions=decisions, contradicted=contradicted, solution=SimpleNamespace(noise=noise)
-    )
-    return SimpleNamespace(fit=fit, rounds=True, noisy=noise > 0.12)
-
-
-def test_what_a_fit_finds_is_told():
-    mirrored = Finding(next(images(ball())), "with that, fitted normals are 1 degrees off")
-    told = {"remedy": mirrored.hypothesis.remedy}
-    decision = Decision("set-up", False, "contradicted", None, told, mirrored)
-    check = set_up(looked(True, **{"set-up": decision}))
-    assert check.state == WRONG
-    assert str(check).startswith(
-        "The image is mirrored in x: with that, fitted normals are 1 degrees off: write 19 - x"
-    )
-    assert set_up(looked()).state == FINE
-    assert set_up(looked(noise=0.2)).state == DOUBTFUL
-    assert set_up(looked(True, noise=0.6)).state == WRONG

@@ -84,7 +84,9 @@ def test_pictures_count_events(browser, recording, tmp_path):
     np.testing.assert_array_equal(view["slots"], np.bincount(slot, minlength=N_LED))
     there = (events.t // 20_000) % N_LED == 3
     expected = np.bincount(events.y[there] * 20 + events.x[there], minlength=400)
-    assert np.abs(browser.evaluate("evsdr.slot(3)") - expected).sum() <= 0.01 * there.sum()  # times are rounded
+    assert (
+        np.abs(browser.evaluate("evsdr.slot(3)") - expected).sum() <= 0.01 * there.sum()
+    )  # times are rounded
     browser.evaluate("document.querySelectorAll('#slots .slot')[3].dispatchEvent(new MouseEvent('click'))")
     assert browser.evaluate("document.getElementById('map').value") == "slot_3"
     assert browser.evaluate("document.querySelectorAll('#slots .chosen').length") == 1
@@ -96,7 +98,9 @@ def test_pixels_without_stored_events_show_their_neighbours(browser, recording, 
     stride = browser.evaluate("evsdr.view.stride")
     counts = np.reshape(browser.evaluate("evsdr.slot(3)"), (20, 20))
     assert stride > 1 and counts.any()
-    np.testing.assert_array_equal(counts, np.kron(counts[::stride, ::stride], np.ones((stride, stride)))[:20, :20])
+    np.testing.assert_array_equal(
+        counts, np.kron(counts[::stride, ::stride], np.ones((stride, stride)))[:20, :20]
+    )
 
 
 def test_a_click_chooses_a_pixel_and_keys_move_it(browser, recording, tmp_path):

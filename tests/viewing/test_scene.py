@@ -7,7 +7,8 @@ import pytest
 
 from evsdr.events.record import record
 from evsdr.fitting.simulation import render
-from evsdr.viewing.checks import DOUBTFUL, FINE, WRONG, examine
+from evsdr.viewing.check import DOUBTFUL, FINE, WRONG
+from evsdr.viewing.checks import examine
 from evsdr.viewing.look import look_at
 from tests.support.setups import PIXEL, scene_of
 from tests.support.setups import recorded as recorded_scene

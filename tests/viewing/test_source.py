@@ -2,6 +2,7 @@
 
 import json
 
+import h5py
 import numpy as np
 import pytest
 
@@ -33,8 +34,6 @@ def test_of_many_events_the_first_are_taken(file):
 
 
 def test_a_log_of_the_ring_tells_the_schedule(file, tmp_path):
-    import h5py
-
     recording, path = file
     with h5py.File(path, "r+") as h5:
         del h5["schedule"], h5["sensor"]
@@ -53,6 +52,11 @@ def test_a_log_of_the_ring_tells_the_schedule(file, tmp_path):
     np.testing.assert_array_equal(watched.schedule.order, [2, 0, 1])
     assert watched.schedule.slot_us == 5000 and watched.sensor.guessed
     np.testing.assert_array_equal(watched.edges.t, recording.round_start_us)
+    with h5py.File(path, "r+") as h5:
+        del h5["EXT_TRIGGER"]
+    with pytest.raises(InputError, match="nothing tells when rounds start"):
+        open_watched(path, tmp_path / "ring.json")
+    assert open_watched(path, tmp_path / "ring.json", start_us=700.0).schedule.start_us == 700
 
 
 def test_no_file(tmp_path):

@@ -1,7 +1,7 @@
 """The words of the page: every check, its state, and nothing unescaped."""
 
 from evsdr.viewing import words
-from evsdr.viewing.checks import DOUBTFUL, FINE, WRONG, Check
+from evsdr.viewing.check import DOUBTFUL, FINE, WRONG, Check
 from evsdr.viewing.look import look_at
 from tests.support.watched_files import recorded, watched
 
