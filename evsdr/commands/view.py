@@ -35,6 +35,8 @@ class Options:
     """Log of the ring, ring.json, for a camera's file: it tells the schedule."""
     start_us: float | None = None
     """Start of the first round on the camera's clock [us], beside --ring, for a recording without triggers."""
+    triggers: Path | None = None
+    """File of triggers beside a camera's file, as of EventPS or DSEC."""
     sensor_size: tuple[int, int] | None = None
     """Width and height of the sensor, where the file does not tell."""
     define: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["-D"]), tyro.conf.UseAppendAction] = field(
@@ -69,7 +71,9 @@ def look(options: Options, command: str) -> int:
     names = PLAIN if options.scene is None else WITH_SCENE
     with Stages("view", names) as stages:
         with stages.stage("read recording"):
-            watched = open_watched(options.events, options.ring, options.sensor_size, options.start_us)
+            watched = open_watched(
+                options.events, options.ring, options.sensor_size, options.start_us, options.triggers
+            )
         ring = None
         if options.scene is not None:
             with stages.stage("load scene"):

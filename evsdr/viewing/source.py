@@ -62,6 +62,7 @@ def open_watched(
     ring: Path | None = None,
     size: tuple[int, int] | None = None,
     start_us: float | None = None,
+    triggers: Path | None = None,
     most: int = MOST_EVENTS,
 ) -> Watched:
     """Open any file of events.
@@ -76,6 +77,8 @@ def open_watched(
         Of the sensor, where the file does not tell.
     start_us : float, optional
         Start of the first round [us], for a log of the ring and a file without triggers.
+    triggers : Path, optional
+        A file of triggers beside a camera's file, see `evsdr.rig.side_triggers`.
     most : int
         Events to look at.
 
@@ -90,7 +93,7 @@ def open_watched(
         edges = Edges(np.ones(len(start), np.int8), start, np.zeros(len(start), np.int16))
         events, sensor, schedule = recording.events, recording.sensor, recording.schedule
     else:
-        camera = read_camera_file(path, size)
+        camera = read_camera_file(path, size, triggers)
         events, edges, schedule = camera.events, camera.edges, None
         sensor = Sensor(camera.width, camera.height, **SENSOR_DEFAULTS, guessed=tuple(SENSOR_DEFAULTS))
     if ring is not None:
