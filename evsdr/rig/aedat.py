@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.errors import InputError
+from evsdr.files.child import survives
 from evsdr.records import Events
 from evsdr.rig.camera_file import CameraRecording, Edges, check_recording, no_edges
 
+PATIENCE, SLOWEST = 10.0, 5e6  # seconds, and bytes per second, in which a whole file is read; guessed
 START = b"#!AER-DAT4"
 # What the package tells of a trigger: polarity and input. Edges of the external signal, its pulses, the generator's edges.
 SOURCES = {1: (1, 0), 2: (0, 0), 3: (1, 0), 4: (1, 1), 5: (0, 1)}
@@ -51,6 +53,8 @@ def read_aedat(path: str | Path, size: tuple[int, int] | None = None) -> CameraR
             f"{path}: AEDAT4 is read by a package that is not installed; run pip install 'evsdr[aedat]'."
         ) from None
     with _panics_as_errors(path):
+        if not survives(lambda: list(aedat.Decoder(path)), PATIENCE + path.stat().st_size / SLOWEST):
+            raise ValueError("it crashes or hangs")  # as damaged lengths do
         decoder = aedat.Decoder(path)
         streams = decoder.id_to_stream()
         chosen = next((i for i in sorted(streams) if streams[i]["type"] == "events"), None)

@@ -34,6 +34,8 @@ from evsdr.rig.led_light import RANGE_NM, led_spectrum
 
 LARGEST = 4 << 20  # bytes of a table
 MOST_LED = 256
+MOST = 1e9  # that any number is; lengths and powers are above the inverse of it
+SMALLEST = 1e-4  # size of a square LED over its distance; a smaller one is a point
 WIDTH_NM = 20.0  # guessed: LEDs have 15 to 35
 NARROWEST_NM = 0.5
 GRAZING = 1e-6  # height over distance, below which an LED does not stand before the object
@@ -153,14 +155,14 @@ def _number(where: str, name: str, text: str) -> float:
         value = float(text)
     except ValueError:
         value = np.nan
-    if not np.isfinite(value) or abs(value) > 1e12:
-        raise InputError(f"{where}: {name} is {text[:40]!r}; write a finite number.")
+    if not abs(value) <= MOST:
+        raise InputError(f"{where}: {name} is {text[:40]!r}; write a number, {MOST:g} at most.")
     return value
 
 
-def _above(where: str, name: str, value: float, least: float = 0.0) -> float:
-    if not value > least:
-        raise InputError(f"{where}: {name} is {value:g}; it must be above {least:g}.")
+def _above(where: str, name: str, value: float) -> float:
+    if not value >= 1 / MOST:
+        raise InputError(f"{where}: {name} is {value:g}; it must be {1 / MOST:g} or more.")
     return value
 
 
@@ -194,8 +196,10 @@ def _power(where: str, value: dict[str, float], distance: float | None) -> float
 
 def _size(where: str, value: dict[str, float], distance: float | None) -> float:
     size = value.get("size", 0.0)
-    if size < 0 or (size > 0 and distance is None):
-        raise InputError(f"{where}: size is {size:g}; only a near LED has one, of 0 or more.")
+    if size and (distance is None or not SMALLEST * distance <= size <= distance):
+        raise InputError(
+            f"{where}: size is {size:g}; only a near LED has one, smaller than its distance; 0 for a point."
+        )
     return size
 
 

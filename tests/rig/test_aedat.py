@@ -33,6 +33,14 @@ def test_damage_is_one_sentence(tmp_path, camera, n_byte, capfd):
     assert capfd.readouterr().err == ""
 
 
+def test_a_file_that_ends_the_process_is_refused(tmp_path, camera, monkeypatch):
+    pytest.importorskip("aedat")
+    write_aedat(tmp_path / "a.aedat4", camera)
+    monkeypatch.setattr("evsdr.rig.aedat.survives", lambda work, seconds: False)
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read_aedat(tmp_path / "a.aedat4")
+
+
 def test_without_the_package(tmp_path, camera, monkeypatch):
     def refuse(name, *rest):
         if name == "aedat":

@@ -58,7 +58,7 @@ HEAD = "azimuth_deg,polar_deg,wavelength_nm"
         (f"{HEAD}\n0,45,500\n0,,500\n", "line 3: polar_deg is ''"),
         (f"{HEAD}\n0,45,5e-7\n0,45,500\n", "wavelength_nm is 5e-07; light from 360 to 830 nm"),
         (f"{HEAD}\n0,90,500\n0,45,500\n", "line 2: the LED does not stand before the object"),
-        (f"{HEAD},power\n0,45,500,0\n0,45,500,1\n", "line 2: power is 0; it must be above 0"),
+        (f"{HEAD},power\n0,45,500,0\n0,45,500,1\n", "line 2: power is 0; it must be 1e-09 or more"),
         (f"{HEAD},width_nm\n0,45,500,-3\n0,45,500,1\n", "line 2: an LED is -3 nm wide"),
         (f"{HEAD},width_below_nm\n0,45,500,3\n0,45,500,3\n", "width_below_nm and width_above_nm go together"),
         (f"{HEAD},distance\n0,45,500,0\n0,45,500,1\n", "line 2: distance is 0"),
