@@ -4,15 +4,18 @@ Between two events of a pixel log I changes by p C, from the end of the refracto
 the second. With log I(t) known, every pair is a measurement of C_on or C_off.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from evsdr.calibration import draw
-from evsdr.errors import InputError
+from evsdr.calibration.flicker import HOT_HZ, Flicker, is_flicker, read_flicker
+from evsdr.errors import InputError, InputWarning
 from evsdr.events.pairs import pair_events
 from evsdr.files.events_h5 import read_recording, write_recording
 from evsdr.files.numbers import read_numbers
@@ -20,10 +23,12 @@ from evsdr.progress import Progress, silent
 from evsdr.records import Recording, Schedule
 
 WAVEFORMS = ("sine-log", "triangle-log", "sine", "triangle")
+RING = "ring"  # the ring's own flicker, see `flicker`
 OUTLIER = 4.0  # robust standard deviations of a pixel beyond which a pair does not count
 LEAST_SPREAD = 0.02  # of a threshold: what may deviate without being an outlier
 FEWEST_PAIRS = 5  # of one polarity in a pixel, for its own threshold
 MOST_WRONG = 0.2  # of a pixel's pairs against the waveform: more has a hot pixel
+RECEPTOR = 0.02  # of a threshold, by noise and lag of photoreceptors, which fire early and late; measured on an EVK4's
 N_PHASE = 4096  # samples of a waveform
 
 
@@ -157,6 +162,35 @@ def measure_thresholds(
     return both[0], both[1]
 
 
+def measure_ring_flicker(recording: Recording) -> tuple[Thresholds, Thresholds, Flicker]:
+    """Measure C_on and C_off of each pixel from the ring's own flicker, whose depth is found; gives that too.
+
+    Raises
+    ------
+    InputError
+        It is no flicker, or there are too few events.
+    """
+    if not is_flicker(recording.schedule):
+        raise InputError(
+            "its schedule is not that of a flicker, an LED that fades in and out and then stays dark; record one by "
+            "python -m evsdr.capture --flicker, or name another --waveform."
+        )
+    flicker, both = read_flicker(recording), []
+    shape = (recording.sensor.height, recording.sensor.width)
+    change = np.where(flicker.change * flicker.polarity > 0, np.abs(flicker.change), -1)
+    still = (np.isfinite(flicker.veil) & (flicker.dark_hz < HOT_HZ)).reshape(shape)
+    for polarity, name in ((1, "ON"), (-1, "OFF")):
+        of = flicker.polarity == polarity
+        one = _average(flicker.pixel[of], change[of], shape, name)
+        known = one.known & still
+        n = np.maximum(np.bincount(flicker.pixel[of], minlength=still.size), 1)
+        by_veil = (np.bincount(flicker.pixel[of], flicker.left_open[of], still.size) / n).reshape(shape)
+        sigma = np.sqrt(one.sigma**2 + by_veil**2 + (RECEPTOR * one.value) ** 2)
+        value = np.where(known, one.value, np.median(one.value[known])) if known.any() else one.value
+        both.append(replace(one, value=value.astype(np.float32), sigma=sigma.astype(np.float32), known=known))
+    return both[0], both[1], flicker
+
+
 def _average(pixel: np.ndarray, change: np.ndarray, shape: tuple[int, int], name: str) -> Thresholds:
     """Average each pixel's changes, without outliers from its median; -1 stands for the wrong polarity."""
     n_pixel = shape[0] * shape[1]
@@ -245,12 +279,17 @@ def thresholds(
             raise InputError(f"{path}: there is no such file; name a recording.")
     recording = read_recording(events)
     progress("measure", 0.3)  # guessed, as the share below
-    wave = log_waveform(waveform, depth)
-    schedule = flicker_schedule(recording, period_us, start_us)
+    if waveform == RING:
+        measure = partial(measure_ring_flicker, recording)
+        period = recording.schedule.slot_us * len(recording.schedule.order)
+    else:
+        wave, schedule = log_waveform(waveform, depth), flicker_schedule(recording, period_us, start_us)
+        measure, period = partial(measure_thresholds, recording, wave, schedule), schedule.slot_us
     try:
-        found = dict(zip(("on", "off"), measure_thresholds(recording, wave, schedule)))
+        on, off, *flickers = measure()
     except InputError as error:
         raise InputError(f"{events}: {error}") from error
+    found = {"on": on, "off": off}
     with h5py.File(folder / "thresholds.h5", "w") as file:
         group = file.create_group("sensor")
         for name, one in found.items():
@@ -269,7 +308,9 @@ def thresholds(
         )
         write_recording(folder / path.name, replace(other, sensor=sensor))
     draw.draw_thresholds(folder / "residuals.png", found)
-    result = {"events": str(events), "waveform": waveform, "period_us": schedule.slot_us}
+    result = {"events": str(events), "waveform": waveform, "period_us": period}
+    for flicker in flickers:
+        result["flicker"] = _told_of(flicker)
     for name, one in found.items():
         known, value = one.known, one.value[one.known]
         result[f"contrast_threshold_{name}"] = {
@@ -284,3 +325,21 @@ def thresholds(
             "pairs_against_the_waveform": one.n_wrong,
         }
     return result
+
+
+def _told_of(flicker: Flicker) -> dict:
+    """Give what calibration.json holds of the ring's flicker, and warn of lamps in the room."""
+    for hz, share in flicker.mains.items():
+        warnings.warn(
+            InputWarning(
+                f"{share:.0%} of the events in the dark come with a lamp of {hz:g} Hz in the room; switch it off."
+            )
+        )
+    hot = flicker.dark_hz >= HOT_HZ
+    return {
+        "depth_of_log_intensity_median": float(np.nanmedian(np.log1p(1 / flicker.veil))),
+        "pixels_whose_depth_is_known": int(np.isfinite(flicker.veil).sum()),
+        "hot_pixels": np.flatnonzero(hot).tolist(),
+        "events_in_the_dark_hz_median": float(np.median(flicker.dark_hz[~hot])) if not hot.all() else None,
+        "room_flicker": {f"{hz:g}": share for hz, share in flicker.mains.items()},
+    }

@@ -84,7 +84,7 @@ class Thresholds:
     """Recording of the flicker, an events.h5; triggers mark the middle of each rise."""
     waveform: str = "sine-log"
     """sine-log or triangle-log (of log intensity), sine or triangle (of intensity), or a CSV of phase and
-    intensity."""
+    intensity; or ring, for the flicker of the ring itself (capture --flicker), whose depth is found."""
     depth: float = 2.0
     """Log intensity from peak to peak; for sine and triangle (max - min) / (max + min)."""
     period_us: float | None = None

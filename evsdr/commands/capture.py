@@ -15,7 +15,7 @@ from evsdr.files.atomic import check_folder
 from evsdr.progress import Stages
 from evsdr.rig.camera import Camera, Control, open_camera
 from evsdr.rig.capture import capture, run_to_end
-from evsdr.rig.driver import N_LED, Ring, RingSettings, find_port
+from evsdr.rig.driver import N_LED, Ring, RingSettings, find_port, flickering
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +40,9 @@ class Options(JoinOptions):
     """Switch on the constant light of the ring."""
     sync_slots: bool = False
     """Give an edge at each slot on the second trigger output."""
+    flicker: bool = False
+    """Instead of the ring, record its flicker, for `calibrate thresholds --waveform ring`: the first LED of the order fades
+    out and in over the constant light, in slots of 0.4 s or more, for 20 rounds or more."""
     camera: Control = "auto"
     """Who starts and stops the camera: the vendor's SDK, or you by hand; auto takes the SDK where it is
     installed."""
@@ -72,6 +75,8 @@ def record_and_join(options: Options, camera: Camera, open_ring: Callable[[], Ri
         options.constant_light,
         options.sync_slots,
     )
+    if options.flicker:
+        settings = flickering(settings)
     check_folder(options.out)
     recording, log = capture(camera, open_ring, settings, options.out, _run)
     try:

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError
-from evsdr.rig.driver import N_LED, Ring, RingSettings, find_port
+from evsdr.rig.driver import N_LED, Ring, RingSettings, find_port, flickering
 from evsdr.rig.log import write_ring_log
 from evsdr.signals import undisturbed
 
@@ -29,8 +29,9 @@ WHY = {
 class Options:
     """Run the ring of LEDs, stop it, ask how it is, or light each LED in turn."""
 
-    action: tyro.conf.Positional[Literal["run", "stop", "status", "test"]]
-    """run: until its rounds are done, or Ctrl-C; test: each LED in turn."""
+    action: tyro.conf.Positional[Literal["run", "stop", "status", "test", "flicker"]]
+    """run: until its rounds are done, or Ctrl-C; test: each LED in turn; flicker: the first LED of order fades out and in
+    over the constant light, with a dark slot between, for `calibrate thresholds --waveform ring`."""
     port: str | None = None
     """Serial port; by default the only Arduino that is plugged in."""
     slot_us: float = 20_000.0
@@ -63,10 +64,12 @@ def main(argv: list[str] | None = None) -> int:
 def command(options: Options) -> None:
     """Do the action."""
     settings = make_settings(options)
+    if options.action == "flicker":
+        settings = flickering(settings)
     if not options.log.parent.is_dir():
         raise InputError(f"{options.log.parent}: there is no such folder; make it, or give another --log.")
     with Ring(options.port or find_port()) as ring:
-        if options.action == "run":
+        if options.action in ("run", "flicker"):
             run(ring, settings, options.log)
         elif options.action == "test":
             test(ring)

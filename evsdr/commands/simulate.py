@@ -35,6 +35,8 @@ class Options:
     """Length of a slot [us]; in a shorter one the photoreceptor's lag weighs more."""
     crossfade: float = 1.0
     """Fraction of a slot's end over which an LED fades into the next; 0 is a hard switch."""
+    flicker: bool = False
+    """Instead of the ring, its flicker, as `capture --flicker` records it; shows the object lit by one LED."""
     trim: tuple[float, ...] | None = None
     """Brightness of each LED relative to what the scene says, 0 to 1; by default all 1."""
     led_rise_us: float = 0.0
@@ -63,7 +65,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(options: Options) -> None:
     """Simulate, write, print how much came out."""
-    from evsdr.events.record import record, ring_schedule
+    from evsdr.events.record import record
     from evsdr.files import photographs
     from evsdr.files.events_h5 import write_recording
     from evsdr.files.truth import write_truth
@@ -86,15 +88,13 @@ def command(options: Options) -> None:
                 signal, truth = render(ring, options.spp, options.seed)
                 constant_light = ring.constant_light
         with stages.stage("events") as advance:
-            schedule = ring_schedule(
-                len(signal), options.order, options.slot_us, options.crossfade, options.trim
-            )
+            schedule, rounds = _schedule(options, len(signal))
             recording = record(
                 signal,
                 constant_light,
                 options.pixel.idealised() if options.ideal else options.pixel,
                 schedule,
-                options.rounds,
+                rounds,
                 options.seed,
                 options.thresholds,
                 options.led_rise_us,
@@ -116,10 +116,22 @@ def command(options: Options) -> None:
         ("events", f"{n_event:,}"),
         ("events per lit pixel", f"{n_event / max(n_lit, 1):.1f}"),
         ("file", f"{size / 2**20:.2f} MiB"),
-        ("duration", f"{1e-6 * options.slot_us * len(recording.schedule.order) * options.rounds:.2f} s"),
+        ("duration", f"{1e-6 * schedule.slot_us * len(schedule.order) * rounds:.2f} s"),
         *((f"{name} [s]", f"{seconds:.2f}") for name, seconds in stages.seconds.items()),
     ]
     print_table(f"{options.out / 'events.h5'}", rows)
+
+
+def _schedule(options: Options, n_led: int):
+    """Give the schedule, and how many rounds of it."""
+    from evsdr.events.record import FLICKER_ROUNDS, FLICKER_US, flicker_order, ring_schedule
+
+    if not options.flicker:
+        given = options.order, options.slot_us, options.crossfade, options.trim
+        return ring_schedule(n_led, *given), options.rounds
+    order = flicker_order(options.order or range(n_led))
+    slow = max(options.slot_us, FLICKER_US)
+    return ring_schedule(n_led, order, slow, 1.0, options.trim), max(options.rounds, FLICKER_ROUNDS)
 
 
 def _check(options: Options) -> None:

@@ -11,6 +11,12 @@ from evsdr.events.simulator import simulate_events
 from evsdr.records import Recording, Schedule, Sensor
 
 Thresholds = Literal["calibrated", "nominal"]
+FLICKER_US, FLICKER_ROUNDS = 400_000.0, 20  # of a slot: slow against photoreceptors in dim light
+
+
+def flicker_order(order: Sequence[int]) -> tuple[int, int, int]:
+    """Give the slots of a flicker by the first LED of an order: it fades out, stays dark, and fades in."""
+    return next((led for led in order if led >= 0), 0), -1, -1
 
 
 def ring_schedule(

@@ -9,7 +9,7 @@ import string
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 
 import numpy as np
@@ -17,6 +17,7 @@ import serial
 from serial.tools import list_ports
 
 from evsdr.errors import InputError
+from evsdr.events.record import FLICKER_ROUNDS, FLICKER_US, flicker_order
 from evsdr.rig.link import Heard, Link
 from evsdr.rig.log import RunLog
 from evsdr.rig.protocol import ALIVE_MS, BAUD, BOOT_S, PROTOCOL, Answer, RingLost, RingRefused
@@ -115,6 +116,14 @@ class RingSettings:
         starts = np.flatnonzero(np.diff(slots, prepend=-2))
         count = np.diff(starts, append=len(slots)) + (starts > 0) * (self.crossfade > 0)
         return float(self.slot_us * np.max(count[slots[starts] >= 0], initial=0))
+
+
+def flickering(settings: RingSettings) -> RingSettings:
+    """Let the first LED of an order flicker over the constant light, with a dark slot in each round."""
+    slow = max(settings.slot_us, FLICKER_US)
+    rounds = max(settings.rounds, FLICKER_ROUNDS) if settings.rounds else 0
+    order = flicker_order(settings.order)
+    return replace(settings, order=order, slot_us=slow, crossfade=1.0, rounds=rounds, constant_light=True)
 
 
 def order_commands(order: tuple[int, ...]) -> list[str]:

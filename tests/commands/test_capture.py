@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -102,6 +103,12 @@ def test_run_is_recorded_and_joined(options, data, capsys):
     np.testing.assert_array_equal(read_recording(options.out / "events.h5").round_start_us, STARTS)
     assert json.loads((options.out / "ring.json").read_text()) == LOG
     assert "events" in capsys.readouterr().out
+
+
+def test_a_flicker_is_recorded_instead(options, data):
+    ring = StepRing([])
+    record_and_join(replace(options, flicker=True, constant_light=False), FakeCamera([], data), lambda: ring)
+    assert ring.settings == RingSettings((0, -1, -1), 400_000.0, 1.0, 20, constant_light=True)
 
 
 @pytest.mark.parametrize("failure", [InputError("the ring is gone."), KeyboardInterrupt()])

@@ -13,7 +13,7 @@ import numpy as np
 import png
 import pytest
 
-from evsdr.commands import fit
+from evsdr.commands import calibrate, fit, simulate
 from evsdr.files import results
 from evsdr.fitting import decoder
 from evsdr.page.codec import Layer, unpack
@@ -281,3 +281,14 @@ def test_process_with_results(place):
     assert (run.returncode, run.stderr) == (0, "")
     assert "solve [s]" in run.stdout and "cast shadows: " in run.stdout
     assert (place / "events" / "maps.npz").is_file()
+
+
+def test_a_simulated_flicker_tells_thresholds(recorded, tmp_path):
+    """One value is told for all pixels; the spread comes from the events."""
+    words = [str(recorded / "scene.xml"), "--out", str(tmp_path), "--flicker", "--thresholds", "nominal"]
+    assert simulate.main(words) == 0
+    out = tmp_path / "thresholds"
+    words = ["thresholds", str(tmp_path / "events.h5"), "--waveform", "ring", "--out", str(out)]
+    assert calibrate.main(words) == 0
+    told = json.loads((out / "calibration.json").read_text())["contrast_threshold_on"]
+    assert told["median"] == pytest.approx(0.2525, rel=0.1) and told["pixels_known"] > 10
