@@ -311,20 +311,23 @@ def thresholds(
     result = {"events": str(events), "waveform": waveform, "period_us": period}
     for flicker in flickers:
         result["flicker"] = _told_of(flicker)
-    for name, one in found.items():
-        known, value = one.known, one.value[one.known]
-        result[f"contrast_threshold_{name}"] = {
-            "median": float(np.median(value)),
-            "spread_between_pixels": float(np.std(value)),
-            "sigma_of_a_pixel_median": float(np.median(one.sigma[known])),
-            "relative_sigma_of_a_pixel_median": float(np.median(one.sigma[known] / value)),
-            "relative_noise_from_event_to_event": one.noise,
-            "pixels_known": int(known.sum()),
-            "pixels": int(known.size),
-            "pairs": one.n_pair,
-            "pairs_against_the_waveform": one.n_wrong,
-        }
-    return result
+    return result | {f"contrast_threshold_{name}": _summary(one) for name, one in found.items()}
+
+
+def _summary(one: Thresholds) -> dict:
+    """Give what calibration.json holds of a polarity."""
+    known, value = one.known, one.value[one.known]
+    return {
+        "median": float(np.median(value)),
+        "spread_between_pixels": float(np.std(value)),
+        "sigma_of_a_pixel_median": float(np.median(one.sigma[known])),
+        "relative_sigma_of_a_pixel_median": float(np.median(one.sigma[known] / value)),
+        "relative_noise_from_event_to_event": one.noise,
+        "pixels_known": int(known.sum()),
+        "pixels": int(known.size),
+        "pairs": one.n_pair,
+        "pairs_against_the_waveform": one.n_wrong,
+    }
 
 
 def _told_of(flicker: Flicker) -> dict:
