@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 N_PIXEL = 300  # that tell: more tell what they share no better than the model holds
 FEWEST_PIXELS = 20
-FIRST_TAU_US, FIRST_NOISE = 20.0, 0.005  # to start from
+FIRST_TAU_US, FIRST_NOISE = 20.0, 0.005  # to start from, the first where darkness is as bright as usual
 GUESSED_REFRACTORY_US = 200.0  # tolerance where the recording tells none
 CLEAR = 4.0  # standard deviations from which there is a lag, and a dark current
 # Light without a lag has kinks, which no event passes: its likelihood is not smooth in a shift
@@ -94,7 +94,7 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
     if "tau" not in names:
         names = [name for name in names if name not in WITH_LAG]
     rig = _told(world, pixels)
-    start = _start(world, fitted, rig, row)
+    start = _start(world, fitted, rig, row, pixels.dimness)
     found = infer(pixels, start, rig, told, tuple(names))
     if "tau" in names and found.wanted["dark"] > CLEAR and _lags(found, world):
         names = [*names, "dark"]
@@ -122,7 +122,7 @@ def _told(world: "World", pixels: Pixels) -> Rig:
     return Rig(np.zeros(n_led), *times, np.zeros(2), np.zeros((n_led, 2)))
 
 
-def _start(world: "World", fitted: "Fitted", told: Rig, row: np.ndarray) -> Start:
+def _start(world: "World", fitted: "Fitted", told: Rig, row: np.ndarray, dimness: float) -> Start:
     """Start from a fit, and from what an earlier one made pixels share."""
     solution = fitted.solution
     prior = solution.threshold_prior or (0.0, 0.0, 1.0, 1.0)
@@ -131,7 +131,8 @@ def _start(world: "World", fitted: "Fitted", told: Rig, row: np.ndarray) -> Star
         return replace(_from(world.found.inferred), theta=theta, spread=spread)
     rig = replace(told, log_threshold=np.array(prior[:2]))
     if "lag" in world.terms.shared:
-        rig = replace(rig, tau=FIRST_TAU_US / world.recording.schedule.slot_us, noise=FIRST_NOISE)
+        tau = dimness * FIRST_TAU_US / world.recording.schedule.slot_us
+        rig = replace(rig, tau=tau, noise=FIRST_NOISE)
     return Start(theta, rig, spread, solution.noise)
 
 

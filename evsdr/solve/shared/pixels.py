@@ -26,6 +26,10 @@ from evsdr.solve.unknowns import to_normal
 FEWEST_EVENTS = 20  # of a pixel that tells
 CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more may be wrong
 FEW = 1e-3  # of the events, that may come sooner: noise
+USUAL_DARK, LEAST_DARK = (
+    0.05,
+    1e-9,
+)  # C_w that times of photoreceptors are made for; of which 0 counts as the other
 STEPS = {"tau": 1e-5, "dark": 1e-4, "noise": 1e-5, "pole": 1e-2}  # for derivatives
 
 
@@ -62,6 +66,11 @@ class Pixels:
     @property
     def n_event(self) -> int:
         return len(self.events[1])
+
+    @property
+    def dimness(self) -> float:
+        """Give the light in the dark, relative to a usual one, 1 at most: a photoreceptor lags as much more there."""
+        return min(1.0, max(float(self.light.constant_light[0]), LEAST_DARK) / USUAL_DARK)
 
     @cached_property
     def shortest(self) -> float:
@@ -134,7 +143,7 @@ class Pixels:
             self.tilts(maps, rig) if tilted else np.zeros((len(theta), light.n_led, 0)),
             self.threshold * np.exp(gains),
             own_thresholds,
-            stirred_values(rig, stirred),
+            stirred_values(rig, stirred, SHORTEST * self.dimness),
             terms,
             TABLE,
             weigh,
@@ -143,10 +152,10 @@ class Pixels:
         )
 
 
-def stirred_values(rig: Rig, stirred: tuple[str, ...]) -> np.ndarray:
-    """Give the `values` of `kernel.pixel_sums`, with derivatives by some of `STEPS`."""
+def stirred_values(rig: Rig, stirred: tuple[str, ...], shortest: float = SHORTEST) -> np.ndarray:
+    """Give the `values` of `kernel.pixel_sums`, with derivatives by some of `STEPS`; tau is `shortest` at least."""
     values = np.tile([getattr(rig, name) for name in TIMES], (1 + len(STEPS), 1))
-    values[:, 0] = max(rig.tau, SHORTEST)
+    values[:, 0] = max(rig.tau, shortest)
     for row, (name, step) in enumerate(STEPS.items(), 1):
         values[row, TIMES.index(name)] += step if name in stirred else 0.0
     return values

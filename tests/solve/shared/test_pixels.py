@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from evsdr.model.lambert import signals_of
-from evsdr.solve.shared.pixels import FEWEST_EVENTS, choose, is_far, turned, vector_of
+from evsdr.solve.shared.pixels import (
+    FEWEST_EVENTS,
+    SHORTEST,
+    choose,
+    is_far,
+    stirred_values,
+    turned,
+    vector_of,
+)
 from evsdr.solve.shared.rig import across
 from tests.support.shared_unknowns import N_LED, Case
 from tests.support.sphere import ring_light
@@ -31,6 +39,16 @@ def test_pixels_that_tell_are_chosen(case):
     assert row[3] not in choose(problem, loud, 1000) and row[4] in choose(problem, loud, 1000)
     some = choose(problem, solution, 10)
     assert len(set(some)) == 10 and set(some) <= set(row) and (np.diff(some) > 0).all()
+
+
+def test_what_has_no_lag_has_none_in_the_dark(case):
+    """A thousandth of the usual light makes a photoreceptor a thousand times slower."""
+    for veil, expected in ((0.05, 1.0), (5e-5, 1e-3), (50.0, 1.0), (0.0, 2e-8)):
+        light = replace(case.pixels.light, constant_light=mi.Float(veil))
+        pixels = replace(case.pixels, model=replace(case.pixels.model, illumination=light))
+        assert pixels.dimness == pytest.approx(expected)
+    rig = replace(case.told, tau=1e-7)
+    assert stirred_values(rig, ())[0, 0] == SHORTEST and stirred_values(rig, (), 1e-9)[0, 0] == 1e-7
 
 
 def test_events_of_the_chosen_are_collected(case):
