@@ -8,7 +8,8 @@ sends
 and, whenever the ring says so, `S SILENCE_MS OK words` (an answer to STATUS, and the longest time yet between
 two lines to the ring), `# BOOT ...` (it has started) and `! why` (nothing has come for long). A request is sent
 again when no answer has come for REPEAT_S. Once the ring has answered at all, STATUS goes out every BEAT_S,
-whatever else is under way. When the socket closes the process ends, and with its beats the light.
+whatever else is under way: from a thread of its own, since to look whether a port has something to read waits for
+a worker of the kernel (tty_buffer_flush_work), which a busy computer lets wait. When the socket closes the process ends, and with its beats the light.
 """
 
 import contextlib
@@ -17,6 +18,7 @@ import select
 import signal
 import socket
 import sys
+import threading
 import time
 from collections import deque
 from dataclasses import dataclass
@@ -55,7 +57,7 @@ class Keeper:
         self._current: Request | None = None
         self._number = 0
         self._met = self._is_lost = False
-        self._beat = self._heard = self._said = 0.0
+        self._heard = self._beaten = 0.0
         self._silence = 0.0  # the longest
 
     def ask(self, text: str) -> None:
@@ -65,9 +67,19 @@ class Keeper:
 
     def timeout(self) -> float:
         """Give how long there is nothing to do but to listen [s]."""
-        due = [self._current.again] if self._current else [0.0] if self._waiting else []
-        due += [self._beat] if self._met else []
-        return max(min(due) - time.monotonic(), 0.0) if due else 1.0
+        if not self._current:
+            return 0.0 if self._waiting else 1.0
+        return max(self._current.again - time.monotonic(), 0.0)
+
+    def beat(self) -> None:
+        """Keep the ring alive, once it has answered; for a thread that does nothing else."""
+        if not self._met:
+            return
+        with contextlib.suppress(OSError):  # the other thread tells
+            self._say(f"{BEAT} STATUS")
+        now = time.monotonic()
+        self._silence = max(self._silence, now - self._beaten)
+        self._beaten = now
 
     def step(self, readable: bool) -> list[str]:
         """Do what is due; give the lines for the host."""
@@ -97,23 +109,14 @@ class Keeper:
             self._number = self._number % 65534 + 1
             self._current = self._waiting.popleft()
             self._current.number, self._current.end = str(self._number), now + self._current.patience_s
-        if self._met and now >= self._beat:
-            self._beat = now + BEAT_S
-            self._say(f"{BEAT} STATUS")
         if self._current and now >= self._current.again:
             self._current.again = min(now + REPEAT_S, self._current.end)
             self._say(f"{self._current.number} {self._current.command}")
 
     def _say(self, text: str) -> None:
         """Send a line; the empty one before it ends what may have come on the way to the ring before."""
-        try:
+        with contextlib.suppress(BlockingIOError):  # the port takes no more: again, when it is due
             os.write(self._port, b"\n" + frame(text))
-        except BlockingIOError:  # the port takes no more: again, when it is due
-            return
-        now = time.monotonic()
-        if self._met:
-            self._silence = max(self._silence, now - self._said)
-        self._said = now
 
     def _listen(self) -> list[str]:
         told = []
@@ -142,12 +145,13 @@ class Keeper:
 
     def _begin(self) -> None:
         if not self._met:
-            self._met, self._said = True, time.monotonic()
+            self._met, self._beaten = True, time.monotonic()
 
 
 def serve(port: int, host: socket.socket) -> None:
     """Keep the ring at a port alive until the host's socket closes."""
     keeper, rest, alive = Keeper(port), b"", True
+    threading.Thread(target=beat_on, args=(keeper,), daemon=True).start()
     while True:
         ready, _, _ = select.select([host, *([port] if alive else [])], [], [], keeper.timeout())
         if host in ready:
@@ -161,6 +165,16 @@ def serve(port: int, host: socket.socket) -> None:
         alive = alive and not any(line.startswith("! the port") for line in told)
         if told:
             host.sendall("".join(f"{line}\n" for line in told).encode())
+
+
+def beat_on(keeper: Keeper) -> None:
+    """Beat for ever."""
+    due = time.monotonic()
+    while True:
+        keeper.beat()
+        now = time.monotonic()
+        due = max(due + BEAT_S, now)
+        time.sleep(due - now)
 
 
 def go_first() -> None:
