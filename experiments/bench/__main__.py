@@ -20,6 +20,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 DARK_US = 50_000.0
 FUZZERS = 2
 BUSY = 4
+LATE_MS = 40
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def command(options: Options, failed: list[str]) -> None:
         print_table(title, [(name, figure) for name, figure, _ in rows])
 
 
-def run_settings(settings: RingSettings, folder: Path) -> light.Trace:
+def run_settings(settings: RingSettings, folder: Path, elf: Path = simulator.ELF) -> light.Trace:
     """Run settings to the end on the bench, without a host."""
     script = simulator.Script().ask(
         f"SLOT {int(settings.slot_us)} {round(1e6 * settings.crossfade)}",
@@ -69,8 +70,8 @@ def run_settings(settings: RingSettings, folder: Path) -> light.Trace:
         f"SYNC {int(settings.sync_slots)}",
     )
     length = settings.slot_us * len(settings.order) * settings.rounds
-    script.beat().ask("RUN").add(f"wait {int(length) + 5000}").run(folder / "pins.vcd")
-    return light.read_trace(folder / "pins.vcd")
+    script.beat().ask("RUN").add(f"wait {int(length) + 5000}").run(folder / "pins.vcd", elf)
+    return light.read_trace(folder / "pins.vcd", settings.n_led)
 
 
 def timing(options: Options) -> list[tuple[str, str, bool]]:
@@ -144,11 +145,13 @@ def lines(options: Options) -> list[tuple[str, str, bool]]:
 def alive(options: Options) -> list[tuple[str, str, bool]]:
     """Keep-alive beside four busy processes and a busy host, at the pace of a real chip."""
     runs = [run_beside(10.0, BUSY) for _ in range(options.alive_runs)]
-    done = sum(run.ended == "done" for run in runs)
+    valid = [run for run in runs if run.late_ms < LATE_MS]  # else the computer has no time for the chip itself
+    done = sum(run.ended == "done" for run in valid)
+    silence_ms = max((run.silence_ms for run in runs), default=0.0)
     return [
-        ("runs of 10 s that ended well", f"{done} of {len(runs)}", done == len(runs)),
-        ("longest time without a line to the ring", f"{max(run.silence_ms for run in runs):.1f} ms", True),
-        ("simulated chip late by at most", f"{max(run.late_ms for run in runs):.1f} ms", True),
+        ("runs of 10 s that ended well", f"{done} of {len(valid)}", done == len(valid)),
+        (f"runs in which the simulated chip was {LATE_MS} ms late", f"{len(runs) - len(valid)}", True),
+        ("longest time without a line to the ring", f"{silence_ms:.1f} ms", 1e3 * silence_ms <= DARK_US),
     ]
 
 

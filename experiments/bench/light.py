@@ -42,10 +42,10 @@ class Trace:
     end: int
 
 
-def read_trace(path: Path) -> Trace:
+def read_trace(path: Path, n_led: int = N_LED) -> Trace:
     """Read a VCD; raises AssertionError where the shift registers were treated wrongly."""
     change, end = read_changes(path)
-    return Trace(read_pulses(change, end), rises(change["round"]), rises(change["slot"]), end)
+    return Trace(read_pulses(change, end, n_led), rises(change["round"]), rises(change["slot"]), end)
 
 
 def make_schedule(settings: RingSettings) -> Schedule:
@@ -78,11 +78,11 @@ def light_error(trace: Trace, settings: RingSettings) -> tuple[float, float]:
     n_slot = (len(trace.rounds) - 1) * len(settings.order)
     edge = period_edges(settings, n_slot)
     middle_us = 0.5 * (edge[1:] + edge[:-1]) / CYCLES_PER_US
-    asked = phase.weights(middle_us, schedule, N_LED, np.array([0]))
+    asked = phase.weights(middle_us, schedule, settings.n_led, np.array([0]))
     levels = np.round(255 * np.array(settings.trim)) / 255
     is_first = np.isin(edge[:-1] % (int(settings.slot_us) * CYCLES_PER_US), 0)
     worst = np.zeros(2)
-    for led in range(N_LED):
+    for led in range(settings.n_led):
         share = mean_light(trace.pulses[led % 2], led, edge + trace.rounds[0]) / FULL
         error = np.abs(share - levels[led] * asked[:, led])
         worst = np.maximum(worst, [error[~is_first].max(), error[is_first].max()])

@@ -27,9 +27,12 @@ def missing() -> str | None:
     return None if any(path.is_file() for path in headers) else "no libsimavr"
 
 
-def build() -> None:
-    """Build firmware and bench if they are older than their sources."""
-    subprocess.run(["make", "-s", "-C", FIRMWARE, "all", "bench"], check=True, stdout=subprocess.DEVNULL)
+def build(n_led: int = 24) -> Path:
+    """Build firmware and bench if they are older than their sources; gives the firmware."""
+    make = ["make", "-s", "-C", FIRMWARE, "all", f"LEDS={n_led}"]
+    subprocess.run(make, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(["make", "-s", "-C", FIRMWARE, "bench"], check=True)
+    return ELF if n_led == 24 else ELF.parent / str(n_led) / ELF.name
 
 
 @dataclass(frozen=True)
@@ -67,9 +70,9 @@ class Script:
         """Keep the ring alive from now on."""
         return self.add(f"beat {BEAT_US} {frame(BEAT).hex()}")
 
-    def run(self, vcd: Path | None = None) -> list[Line]:
+    def run(self, vcd: Path | None = None, elf: Path = ELF) -> list[Line]:
         """Run it, as fast as it goes; gives the output without the answers to keep-alives."""
-        command = [BENCH, ELF, *(("--vcd", vcd) if vcd else ())]
+        command = [BENCH, elf, *(("--vcd", vcd) if vcd else ())]
         text = "\n".join([*self.lines, "quit", ""])
         done = subprocess.run(command, input=text, capture_output=True, encoding="latin-1")
         if done.returncode:

@@ -10,7 +10,6 @@ CYCLE = 625  # of the VCD's time unit
 CYCLES_PER_US = 16
 PERIOD = 256  # cycles of the carrier
 N_LED = 24
-BITS = 16  # of a chain
 
 
 @dataclass(frozen=True)
@@ -74,18 +73,18 @@ def rises(change: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     return time[1:][(value[1:] == 1) & (value[:-1] == 0)]
 
 
-def latched(change: dict, data: str) -> tuple[np.ndarray, np.ndarray]:
+def latched(change: dict, data: str, bits: int) -> tuple[np.ndarray, np.ndarray]:
     """Give when a chain's latches took what pattern, bit n for its output n; empty latches at first."""
     clock, latch = rises(change["clock"]), rises(change["latch"])
     time, value = change[data]
     bit = value[np.searchsorted(time, clock, side="right") - 1].astype(np.int64)
-    bit = np.concatenate([np.zeros(BITS, np.int64), bit])
-    last = np.searchsorted(clock, latch) + BITS  # one past the last bit that was in
-    pattern = sum(bit[last - 1 - n] << n for n in range(BITS))
+    bit = np.concatenate([np.zeros(bits, np.int64), bit])
+    last = np.searchsorted(clock, latch) + bits  # one past the last bit that was in
+    pattern = sum(bit[last - 1 - n] << n for n in range(bits))
     return np.append(0, latch), np.append(0, pattern)
 
 
-def read_pulses(change: dict, end: int) -> list[Pulses]:
+def read_pulses(change: dict, end: int, n_led: int = N_LED) -> list[Pulses]:
     """Give what shone in the even and in the odd chain.
 
     Raises
@@ -99,14 +98,14 @@ def read_pulses(change: dict, end: int) -> list[Pulses]:
         time, value = change[f"oe_{name}"]
         start, stop = time[value == 0], time[value == 1]
         stop = np.append(stop[stop > (start[0] if len(start) else end)], end)[: len(start)]
-        at, pattern = latched(change, f"data_{name}")
+        at, pattern = latched(change, f"data_{name}", 8 * -(-n_led // 16))
         held = pattern[np.searchsorted(at, start, side="right") - 1]
         for k in np.flatnonzero(np.diff(pattern)) + 1:
             i = np.searchsorted(start, at[k], side="right") - 1
             assert i < 0 or at[k] >= stop[i], (
                 f"{name} chain: latched while lit, at {at[k] / CYCLES_PER_US} us"
             )
-        assert (held & (held - 1) == 0).all() and (held < 1 << N_LED // 2).all(), f"{name} chain: two LEDs"
+        assert (held & (held - 1) == 0).all() and (held < 1 << n_led // 2).all(), f"{name} chain: two LEDs"
         output = np.where(held > 0, np.log2(np.maximum(held, 1)), 0).astype(np.int64)
         chains.append(Pulses(start, stop, np.where(held > 0, 2 * output + chain, -1)))
     return chains

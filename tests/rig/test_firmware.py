@@ -71,6 +71,15 @@ def test_light_follows_the_schedule(name, tmp_path):
     assert not len(trace.slots)
 
 
+def test_48_leds_on_three_chips_per_chain(tmp_path):
+    order = 5 * tuple(range(48)) + tuple(range(16))
+    settings = RingSettings(order, 200, 1.0, 1, tuple(np.linspace(0.2, 1, 48)), n_led=48)
+    trace = run_settings(settings, tmp_path, simulator.build(48))
+    assert np.array_equal(np.diff(trace.rounds), [16 * 200 * 256])
+    assert max(light_error(trace, settings)) <= 0.005 and stray_pulses(trace, settings) == 0
+    assert set(np.concatenate([pulses.led for pulses in trace.pulses])) >= set(range(48))
+
+
 def test_hard_switch_within_a_chain_is_dark_for_one_period(tmp_path):
     settings = RingSettings((0, 2, 2, -1, 4, 3, 1, -1), 1500, 0.0, 3)
     trace = run_settings(settings, tmp_path)
