@@ -35,7 +35,7 @@ class Options(JoinOptions):
     rounds: int = 6
     """Rounds of the ring."""
     trim: tuple[float, ...] = (1.0,) * N_LED
-    """Brightness of each LED, 0 to 1."""
+    """Brightness of each LED, 0 to 1; a ring of 48 LEDs wants 48 numbers."""
     constant_light: bool = False
     """Switch on the constant light of the ring."""
     sync_slots: bool = False

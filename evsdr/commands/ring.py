@@ -43,7 +43,7 @@ class Options:
     order: tuple[int, ...] | None = None
     """LED of each slot of a round, -1 for none; by default each LED in turn."""
     trim: tuple[float, ...] | None = None
-    """Brightness of each LED, 0 to 1; by default all 1."""
+    """Brightness of each LED, 0 to 1; by default 24 times 1. A ring of 48 LEDs wants 48 numbers."""
     constant_light: bool = False
     """Switch on the constant light while the ring runs."""
     sync_slots: bool = False
@@ -79,8 +79,8 @@ def command(options: Options) -> None:
 
 def make_settings(options: Options) -> RingSettings:
     """Give the settings of the options, checked."""
-    order = tuple(range(N_LED)) if options.order is None else options.order
     trim = (1.0,) * N_LED if options.trim is None else options.trim
+    order = tuple(range(len(trim))) if options.order is None else options.order
     return RingSettings(
         order,
         options.slot_us,
@@ -118,9 +118,9 @@ def run(ring: Ring, settings: RingSettings, path: Path) -> None:
 
 def test(ring: Ring) -> None:
     """Light each LED in turn."""
-    for led in range(N_LED):
+    for led in range(ring.n_led):
         print(f"LED {led}, {'odd' if led % 2 else 'even'} chain", flush=True)
-        log = ring.run(RingSettings((led,), TEST_US, 0.0, 1))
+        log = ring.run(RingSettings((led,), TEST_US, 0.0, 1, (1.0,) * ring.n_led))
         if log.ended != "done":
             raise InputError(
                 f"{ring.port}: {WHY.get(log.ended, log.ended)} at LED {led}; check cable and supply."

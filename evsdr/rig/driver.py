@@ -24,7 +24,7 @@ from evsdr.rig.protocol import ALIVE_MS, BAUD, BOOT_S, PROTOCOL, Answer, RingLos
 from evsdr.signals import undisturbed
 
 N_LED = 24
-MOST_LEDS = 48
+SIZES = (24, 48)  # of rings
 MAX_SLOTS = 256
 SLOT_US = (200, 1_000_000)
 MAX_ROUNDS = 999_999_999
@@ -53,13 +53,11 @@ class RingSettings:
     rounds : int
         0 for until stopped.
     trim : tuple of float
-        Brightness of each LED, 0..1.
+        Brightness of each LED, 0..1: 24 numbers, or 48 for a ring of 48 LEDs.
     constant_light : bool
         Switch the constant light on.
     sync_slots : bool
         Give an edge per slot too.
-    n_led : int
-        LEDs of the ring, 48 at most.
 
     Raises
     ------
@@ -74,11 +72,17 @@ class RingSettings:
     trim: tuple[float, ...] = (1.0,) * N_LED
     constant_light: bool = False
     sync_slots: bool = False
-    n_led: int = N_LED
+
+    @property
+    def n_led(self) -> int:
+        """LEDs of the ring."""
+        return len(self.trim)
 
     def __post_init__(self):
-        if not 2 <= self.n_led <= MOST_LEDS or self.n_led % 2:
-            raise InputError(f"the ring has {self.n_led} LEDs; give an even number from 2 to {MOST_LEDS}.")
+        if self.n_led not in SIZES or not all(0 <= value <= 1 for value in self.trim):
+            raise InputError(
+                f"trim must hold {N_LED} or {max(SIZES)} numbers from 0 to 1, one per LED; correct it."
+            )
         if not 1 <= len(self.order) <= MAX_SLOTS:
             raise InputError(f"order has {len(self.order)} slots; give 1 to {MAX_SLOTS}.")
         if not all(-1 <= led < self.n_led for led in self.order):
@@ -91,8 +95,6 @@ class RingSettings:
             raise InputError(f"crossfade is {self.crossfade:g}; give a fraction from 0 to 1.")
         if not 0 <= self.rounds <= MAX_ROUNDS:
             raise InputError(f"rounds is {self.rounds}; give 0 (until stopped) to {MAX_ROUNDS}.")
-        if len(self.trim) != self.n_led or not all(0 <= value <= 1 for value in self.trim):
-            raise InputError(f"trim must hold {self.n_led} numbers from 0 to 1, one per LED; correct it.")
         if self.crossfade > 0:
             for k, (led, then) in enumerate(self._neighbours()):
                 if led != then and min(led, then) >= 0 and (led - then) % 2 == 0:
@@ -331,6 +333,11 @@ class Ring:
             if not self._ended.is_set():
                 self._look(self._link.ask("STATUS"))
         self._end("lost")  # unless the ring has told why it ended
+
+    @property
+    def n_led(self) -> int:
+        """LEDs of the ring."""
+        return self._room[0]
 
     @property
     def silence_ms(self) -> float:

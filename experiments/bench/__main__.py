@@ -145,7 +145,9 @@ def lines(options: Options) -> list[tuple[str, str, bool]]:
 def alive(options: Options) -> list[tuple[str, str, bool]]:
     """Keep-alive beside four busy processes and a busy host, at the pace of a real chip."""
     runs = [run_beside(10.0, BUSY) for _ in range(options.alive_runs)]
-    valid = [run for run in runs if run.late_ms < LATE_MS]  # else the computer has no time for the chip itself
+    valid = [
+        run for run in runs if run.late_ms < LATE_MS
+    ]  # else the computer has no time for the chip itself
     done = sum(run.ended == "done" for run in valid)
     silence_ms = max((run.silence_ms for run in runs), default=0.0)
     return [

@@ -181,7 +181,7 @@ def test_a_ring_of_another_size_is_refused():
     assert sum(len(command.split(" ")[-1]) for command in orders) == 240 and orders[0].endswith("tuv")
     with FakeRing() as fake, Ring(fake.port) as host:
         with pytest.raises(InputError, match="has 24 LEDs and up to 256 slots, not 48 and 2"):
-            host.configure(RingSettings((0, 47), trim=(1.0,) * 48, n_led=48))
+            host.configure(RingSettings((0, 47), trim=(1.0,) * 48))
 
 
 def test_no_such_port(capsys):

@@ -73,7 +73,7 @@ def test_light_follows_the_schedule(name, tmp_path):
 
 def test_48_leds_on_three_chips_per_chain(tmp_path):
     order = 5 * tuple(range(48)) + tuple(range(16))
-    settings = RingSettings(order, 200, 1.0, 1, tuple(np.linspace(0.2, 1, 48)), n_led=48)
+    settings = RingSettings(order, 200, 1.0, 1, tuple(np.linspace(0.2, 1, 48)))
     trace = run_settings(settings, tmp_path, simulator.build(48))
     assert np.array_equal(np.diff(trace.rounds), [16 * 200 * 256])
     assert max(light_error(trace, settings)) <= 0.005 and stray_pulses(trace, settings) == 0
