@@ -57,9 +57,8 @@ def triggers(look: Look) -> Check:
     if found is None:
         if look.watched.schedule is None:
             return Check(name, OPEN, "The file has no triggers")
-        return Check(
-            name, FINE, "There are none: start_us of the schedule and an even clock count the rounds"
-        )
+        first = "There is one: it" if len(look.watched.starts) else "There are none: start_us of the schedule"
+        return Check(name, FINE, f"{first} and an even clock count the rounds")
     jitter = float(np.abs(found.deviation_us).max())
     said = f"{len(found.edge_us)} triggers, every {1e-3 * found.round_us:.6g} ms within {jitter:.0f} us"
     missing, stray = found.missing, found.stray_us
@@ -95,6 +94,9 @@ def schedule(look: Look) -> Check:
         if look.period_us
         else "events never come again"
     )
+    if found is None and look.watched.schedule is not None:
+        said = "Hardly any pixel fires often enough to tell"
+        return Check(name, DOUBTFUL, said, "switch the ring on, open the lens, or lower the thresholds")
     if found is None:
         return Check(
             name,
@@ -111,6 +113,9 @@ def schedule(look: Look) -> Check:
             f"a round of the told length fits them by {found.told:.0%}, the other by {found.believed:.0%}",
             f"write slot_us = {believed.slot_us:.6g} in schedule, if its order holds all LEDs",
         )
+    if look.n_round < 1:
+        said = "Not one round of the told length lies in the recording"
+        return Check(name, WRONG, said, "check start_us, slot_us and the triggers")
     fits = f"{found.coherence:.1%} of the events of a pixel in a slot agree in polarity, over all rounds"
     if found.late_us:
         way = "later" if found.late_us > 0 else "earlier"

@@ -109,6 +109,8 @@ def look_at(watched: Watched, ring=None, stages: Seconds | None = None) -> Look:
         beat = spectrum(watched.events.t, 2 * watched.events.p - 1, watched.events.t)
         return Look(*measured, None, None, None, beat, None)
     with stages.stage("look for other light"):
+        if triggers is None and len(watched.starts):
+            told = replace(told, start_us=float(watched.starts[0]))
         rounds = fit_schedule(told, triggers, sample, repetition)
         believed = rounds.schedule, rounds.starts
         flicker = find_flicker(sample, *believed)

@@ -48,6 +48,11 @@ class Watched:
         return self.sensor.height, self.sensor.width
 
     @property
+    def starts(self) -> np.ndarray:
+        """Give the times of all rising edges [us]."""
+        return self.edges.t[self.edges.p == 1]
+
+    @property
     def seconds(self) -> float:
         """Time from the first event to the last [s]."""
         return 1e-6 * float(self.events.t[-1] - self.events.t[0])

@@ -114,6 +114,17 @@ def test_hot_pixels():
     assert odd(found) == {"hot and silent pixels": DOUBTFUL}
 
 
+def test_no_round_in_the_recording():
+    found = answers(watched(ball(), False, start_us=1e7))
+    assert odd(found) == {"schedule": WRONG}
+    assert "Not one round" in str(found["schedule"])
+
+
+def test_a_single_trigger_starts_the_rounds():
+    recording = replace(ball(), round_start_us=ball().round_start_us[:1])
+    assert odd(answers(watched(recording, start_us=-9_000.0))) == {}
+
+
 def test_without_a_schedule_little_is_told():
     found = answers(replace(watched(ball()), schedule=None))
     assert odd(found) == {}
