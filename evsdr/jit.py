@@ -95,7 +95,10 @@ def start(variant: str | None = None) -> None:
             " call evsdr.jit.start before importing drjit or mitsuba."
         )
     mi.set_log_level(mi.LogLevel.Warn)
-    if (n_thread := most_threads()) is not None:
+    n_thread = max(
+        most_threads() or dr.thread_count(), 2
+    )  # with one, Mitsuba waits for ever where it reads EXR
+    if n_thread != dr.thread_count():
         dr.set_thread_count(n_thread)
     importlib.import_module("evsdr.integrators.ring")
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 import pytest
 
 from evsdr import jit
@@ -204,6 +205,22 @@ def test_what_runs_is_kept(monkeypatch):
     monkeypatch.setattr(mi, "set_variant", chosen.append)
     jit.start()
     assert chosen == ["cuda_ad_spectral"]
+
+
+@pytest.mark.parametrize(("asked", "n_thread"), [("1", 2), ("3", 3)])
+def test_two_threads_at_least(monkeypatch, tmp_path, asked, n_thread):
+    """With one, Mitsuba would wait for ever here."""
+    import drjit as dr
+    import mitsuba as mi
+
+    before = dr.thread_count()
+    monkeypatch.setenv("EVSDR_THREADS", asked)
+    try:
+        jit.start()
+        assert dr.thread_count() == n_thread
+        mi.Bitmap(np.ones((40, 40, 3), np.float32)).write(str(tmp_path / "image.exr"))
+    finally:
+        dr.set_thread_count(before)
 
 
 def test_unknown_variant():
