@@ -45,6 +45,8 @@ class Ball:
         Column and row of its centre, and its radius [pixels]; None to find them.
     mask : Path or None
         Image whose non-zero pixels are the ball, to find its outline from; None to find it from the events.
+    circle_sigma : float
+        How well the outline of a mirror ball is known [pixels].
     near : bool
         Whether to estimate positions instead of directions.
     radius : float or None
@@ -56,6 +58,7 @@ class Ball:
     surface: Literal["matt", "mirror"] = "matt"
     circle: tuple[float, float, float] | None = None
     mask: Path | None = None
+    circle_sigma: float = 0.1
     near: bool = False
     radius: float | None = None
     center_z: float = 0.0
@@ -99,6 +102,10 @@ def directions(
         Something given can't be used, or the events don't tell.
     """
     check_range("--seed", seed, 0)
+    if not 0 <= ball.circle_sigma < np.inf:
+        raise InputError(
+            f"--circle-sigma is {ball.circle_sigma:g}; give a standard deviation in pixels, 0 or more."
+        )
     ring = open_scene(scene, define)
     view, light = view_of(ring), nominal_light(ring)
     recording = read_ring_events(events, ring)
@@ -188,7 +195,7 @@ def _mirror(ball, view, recording, outline, n_led, seed):
         raise InputError("a mirror ball tells directions, not distances; use --ball matt with --near.")
     shape = (recording.sensor.height, recording.sensor.width)
     balls.ball_pixels(view, outline, shape, seed)
-    found = find_highlights(view, led_contrast(recording, n_led), outline)
+    found = find_highlights(view, led_contrast(recording, n_led), outline, ball.circle_sigma)
     fit = {"highlight_pixels": found.center.tolist(), "highlight_rms_radius_pixels": found.spread.tolist()}
     return found, count_events(recording).astype(float), fit
 

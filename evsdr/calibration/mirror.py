@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import label
 
-from evsdr.calibration.ball import OUTLINE_SIGMA, STEP, ball_surface, place_ball
+from evsdr.calibration.ball import STEP, ball_surface, place_ball
 from evsdr.errors import InputError
 from evsdr.events.phase import phase
 from evsdr.model.view import View, pixel_centers
@@ -75,7 +75,7 @@ def led_contrast(recording: Recording, n_led: int) -> np.ndarray:
 
 
 def find_highlights(
-    view: View, contrast: np.ndarray, outline: np.ndarray, outline_sigma: float = OUTLINE_SIGMA
+    view: View, contrast: np.ndarray, outline: np.ndarray, outline_sigma: float
 ) -> Highlights:
     """Find the LEDs' highlights and the directions that they stand for.
 
@@ -85,7 +85,7 @@ def find_highlights(
         Of `led_contrast`.
     outline : (3,) float
         Column and row of the ball's centre, radius [pixels].
-    outline_sigma : float, optional
+    outline_sigma : float
         Standard deviation of each of them [pixels].
 
     Raises

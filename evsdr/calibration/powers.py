@@ -1,5 +1,6 @@
 """`calibrate powers`: read, estimate, write."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,11 +22,12 @@ from evsdr.calibration.ring_recording import (
 )
 from evsdr.calibration.scene_text import find_leds, flatten, include_text, scale_led
 from evsdr.calibration.watched import MOST_EVENTS, Watched, watch
-from evsdr.errors import InputError, check_range
+from evsdr.errors import InputError, InputWarning, check_range
 from evsdr.files.mask import read_mask
 from evsdr.light.entry import open_scene
 from evsdr.progress import Progress, silent
 
+TURNED = 2 * np.sqrt(2)  # sigmas of one axis that are two of the angle
 START_LIGHT = 0.05  # C_w to start from where the scene has none, relative to the LEDs
 
 
@@ -70,6 +72,7 @@ def powers(
     parts = [replace(part, point=part.point + n) for part, n in zip(parts, first)]
     start_light = ring.constant_light or START_LIGHT * power.mean()
     found = patching.solve_powers(list(tilts), parts, power, start_light, tilt_sigma_deg, progress)
+    _name_moved(patches, found.tilt_change_deg, tilt_sigma_deg)
     leds = [
         scale_led(led, float(factor))
         for led, factor in zip(find_leds(flatten(scene, define or {})), found.power / power)
@@ -98,6 +101,18 @@ def powers(
             for k, text in enumerate(patches)
         ],
     }
+
+
+def _name_moved(patches: Sequence[str], change_deg: np.ndarray, tilt_sigma_deg: float) -> None:
+    """Warn of tilts that the events turn by more than two standard deviations of what is told."""
+    for text, change in zip(patches, change_deg):
+        if change > TURNED * max(tilt_sigma_deg, patching.LEAST_SIGMA_DEG):
+            warnings.warn(
+                InputWarning(
+                    f"{text}: the events turn this tilt by {change:.2g} degrees, more than two sigma of {tilt_sigma_deg:g}; "
+                    "check its normal, and the LEDs' directions."
+                )
+            )
 
 
 def _read_tilt(

@@ -36,6 +36,8 @@ class Directions:
     """Column and row of the ball's centre, and its radius [pixels]; found from the events by default."""
     mask: Path | None = None
     """Image (PNG or .npy) whose non-zero pixels are the ball, instead of --circle."""
+    circle_sigma: float = 0.1
+    """How well the outline of a mirror ball is known [pixels]; a tenth turns LEDs by 0.4 degrees on a ball of 40 pixels in radius."""
     near: bool = False
     """Estimate positions; needs --radius."""
     radius: float | None = None

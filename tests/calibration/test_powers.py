@@ -50,6 +50,16 @@ def test_powers_command_writes_a_rig_that_sets_c_w(patches, tmp_path):
     assert all(0 < led["sigma"] < 0.01 for led in said["leds"])
 
 
+def test_a_tilt_that_was_told_wrong_is_named(patches, tmp_path, capsys):
+    folder, _ = patches
+    wrong = tilt_arguments(folder)
+    wrong[2] = f"{folder}/tilt_2.h5:" + ",".join(f"{c:.6f}" for c in TILTS[2] + [np.radians(2.0), 0, 0])
+    arguments = ["powers", str(folder / "scene.xml"), *wrong, "--out", str(tmp_path / "out")]
+    assert calibrate.main([*arguments, "--tilt-sigma-deg", "0.3"]) == 0
+    (named,) = [line for line in capsys.readouterr().err.splitlines() if "turn this tilt" in line]
+    assert "tilt_2.h5" in named and "more than two sigma of 0.3" in named
+
+
 @pytest.mark.parametrize(
     "patch, says",
     [
