@@ -7,7 +7,6 @@ import numpy as np
 
 from evsdr.errors import InputError
 from evsdr.events.pixel import EventPixel
-from evsdr.events.simulator import simulate_events
 from evsdr.records import Recording, Schedule, Sensor
 
 Thresholds = Literal["calibrated", "nominal"]
@@ -76,6 +75,8 @@ def record(
                 f"trim must hold {len(signal)} numbers from 0 to 1, one for each LED; correct it."
             )
         signal = signal * trim[: len(signal), None, None]
+    from evsdr.events.simulator import simulate_events  # loads numba, which help must not
+
     events, on, off, round_start_us = simulate_events(
         signal,
         constant_light,
