@@ -198,6 +198,8 @@ def gloss_evidence(
         How its unknown thresholds are distributed.
     """
     pixel = _some(problem, np.ones(problem.n_pixel, bool))
+    if len(pixel) == 0:
+        return GlossEvidence(kind.WIDEST, 0.0, 0.0, 0.0)
     evidence, matt, glossy = _first_look(problem, pixel, theta, noise, kind, spread)
     if evidence.z > LEAST_Z:
         sample = Sample.of(problem, pixel, kind, noise, spread)

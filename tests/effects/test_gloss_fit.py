@@ -6,6 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from evsdr.effects import gloss_fit
 from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence
 from evsdr.effects.materials import sort_materials
 from evsdr.light.ground_truth import surface_maps
@@ -88,6 +89,13 @@ def test_a_matt_sphere_shows_no_gloss():
     evidence = gloss_evidence(problem, matt.theta, matt.noise)
     assert not evidence.is_worth_modelling()
     assert abs(evidence.z) < 4 and evidence.error_deg < 0.05
+    assert fit_gloss(problem, matt.theta, matt.noise).strength == 0
+
+
+def test_no_pixel_that_fires_shows_no_gloss(coated, monkeypatch):
+    problem, *_, matt = coated
+    monkeypatch.setattr(gloss_fit, "_some", lambda *_: np.zeros(0, np.int64))
+    assert not gloss_evidence(problem, matt.theta, matt.noise).is_worth_modelling()
     assert fit_gloss(problem, matt.theta, matt.noise).strength == 0
 
 
