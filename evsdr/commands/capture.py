@@ -5,8 +5,11 @@ vendor's SDK), ring.json and events.h5. Whatever goes wrong, the ring ends dark.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
+
+import tyro
 
 from evsdr.commands.console import run_command
 from evsdr.commands.convert import JoinOptions, join_files
@@ -14,6 +17,7 @@ from evsdr.errors import InputError, check_range
 from evsdr.files.atomic import check_folder
 from evsdr.progress import Stages
 from evsdr.rig.camera import Camera, Control, open_camera
+from evsdr.rig.camera_settings import CameraSettings, parse_biases
 from evsdr.rig.capture import capture, run_to_end
 from evsdr.rig.driver import N_LED, Ring, RingSettings, find_port, flickering
 
@@ -48,6 +52,12 @@ class Options(JoinOptions):
     installed."""
     serial: str = ""
     """Serial number of the camera; the first one if empty."""
+    bias: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """name=value of a bias of the camera, as bias_diff_on=20; may be repeated. With the SDK; all are stored in camera.json."""
+    region: tuple[int, int, int, int] | None = None
+    """Left, top, width and height of the pixels that may fire; with the SDK. The recording is cropped to it."""
+    event_rate: float | None = None
+    """Most events in a second, beyond which the camera drops some; 0 switches this control off. With the SDK."""
     recording: Path | None = None
     """File that your own camera software writes; it is awaited instead of asked for."""
 
@@ -59,7 +69,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(options: Options) -> None:
     """Record, join, print what came out."""
-    camera = open_camera(options.camera, options.recording, options.serial)
+    settings = CameraSettings(parse_biases(options.bias), options.region, options.event_rate)
+    camera = open_camera(options.camera, options.recording, options.serial, settings)
+    options = replace(options, crop=options.crop or options.region)
     record_and_join(options, camera, lambda: Ring(options.port or find_port()))
 
 

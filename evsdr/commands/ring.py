@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError
-from evsdr.rig.driver import N_LED, Ring, RingSettings, find_port, flickering
+from evsdr.rig.driver import N_LED, Ring, RingSettings, blinking, find_port, flickering
 from evsdr.rig.log import write_ring_log
 from evsdr.signals import undisturbed
 
@@ -29,9 +29,10 @@ WHY = {
 class Options:
     """Run the ring of LEDs, stop it, ask how it is, or light each LED in turn."""
 
-    action: tyro.conf.Positional[Literal["run", "stop", "status", "test", "flicker"]]
+    action: tyro.conf.Positional[Literal["run", "stop", "status", "test", "flicker", "blink"]]
     """run: until its rounds are done, or Ctrl-C; test: each LED in turn; flicker: the first LED of order fades out and in
-    over the constant light, with a dark slot between, for `calibrate thresholds --waveform ring`."""
+    over the constant light, with a dark slot between, for `calibrate thresholds --waveform ring`; blink: the first LED of order goes on and off
+    five times a second until Ctrl-C, so that the camera sees edges to focus on."""
     port: str | None = None
     """Serial port; by default the only Arduino that is plugged in."""
     slot_us: float = 20_000.0
@@ -66,10 +67,12 @@ def command(options: Options) -> None:
     settings = make_settings(options)
     if options.action == "flicker":
         settings = flickering(settings)
+    elif options.action == "blink":
+        settings = blinking(settings)
     if not options.log.parent.is_dir():
         raise InputError(f"{options.log.parent}: there is no such folder; make it, or give another --log.")
     with Ring(options.port or find_port()) as ring:
-        if options.action in ("run", "flicker"):
+        if options.action in ("run", "flicker", "blink"):
             run(ring, settings, options.log)
         elif options.action == "test":
             test(ring)

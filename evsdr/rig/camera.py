@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from evsdr.errors import InputError
+from evsdr.rig.camera_settings import CameraSettings, set_up
 
 SETTLE_S = 0.3  # before and after the ring's run, so that no trigger is missed
 QUIET_S = 2.0  # a file that has not grown for so long is complete
@@ -29,7 +30,12 @@ class Camera(Protocol):
         """End the recording after a failure."""
 
 
-def open_camera(control: Control, recording: Path | None = None, serial: str = "") -> Camera:
+def open_camera(
+    control: Control,
+    recording: Path | None = None,
+    serial: str = "",
+    settings: CameraSettings = CameraSettings(),
+) -> Camera:
     """Give the camera's control.
 
     Parameters
@@ -40,24 +46,31 @@ def open_camera(control: Control, recording: Path | None = None, serial: str = "
         File that the user's own software will write.
     serial : str
         Serial number; the first camera if empty.
+    settings : CameraSettings
+        What the SDK shall set.
 
     Raises
     ------
     InputError
-        The SDK is asked for but not installed.
+        The SDK is asked for but not installed, or needed by the settings.
     """
-    if control == "manual" or (control == "auto" and recording):
+    by_hand = control == "manual" or (control == "auto" and recording)
+    if by_hand and settings != CameraSettings():
+        raise InputError(
+            "--bias, --region and --event-rate are set by the vendor's SDK; set them in your own software."
+        )
+    if by_hand:
         return ManualCamera(recording)
     try:
         import metavision_hal
     except ImportError as error:
-        if control == "auto":
+        if control == "auto" and settings == CameraSettings():
             return ManualCamera(recording)
         raise InputError(
             f"--camera sdk: the package metavision_hal of the vendor's SDK can't be imported ({error}); "
             "install it, or leave --camera out and press record by hand."
         ) from error
-    return SdkCamera(metavision_hal, serial)
+    return SdkCamera(metavision_hal, serial, settings)
 
 
 class SdkCamera:
@@ -69,10 +82,18 @@ class SdkCamera:
         metavision_hal.
     serial : str
         Serial number; the first camera if empty.
+    settings : CameraSettings
+        What is set before it records.
+
+    Attributes
+    ----------
+    told : dict
+        What the camera says of itself, see `camera_settings.set_up`; empty before it starts.
     """
 
-    def __init__(self, hal, serial: str = ""):
-        self._hal, self._serial = hal, serial
+    def __init__(self, hal, serial: str = "", settings: CameraSettings = CameraSettings()):
+        self._hal, self._serial, self._settings = hal, serial, settings
+        self.told: dict = {}
         self._done = threading.Event()
         self._is_lost = False
 
@@ -85,6 +106,7 @@ class SdkCamera:
             trigger = self._device.get_i_trigger_in()
             if trigger is None or not trigger.enable(self._hal.I_TriggerIn.Channel.MAIN):
                 raise RuntimeError("no trigger input")
+            self.told = set_up(self._hal, self._device, self._settings)
             self._stream = self._device.get_i_events_stream()
             self._path, self._growing = path, path.with_name(f".{path.name}")
             if not self._stream.log_raw_data(str(self._growing)):

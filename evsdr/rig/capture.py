@@ -1,8 +1,10 @@
 """Record the ring with a camera."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
+from evsdr.files.atomic import atomic_path
 from evsdr.rig.camera import Camera
 from evsdr.rig.driver import Ring, RingSettings
 from evsdr.rig.log import write_ring_log
@@ -39,7 +41,8 @@ def capture(
     settings : RingSettings
         What the ring shall do; its rounds have an end.
     folder : Path
-        Made if missing; gets recording.raw, if the camera itself writes a file, and ring.json.
+        Made if missing; gets recording.raw, if the camera itself writes a file, ring.json, and camera.json with what the
+        camera says of itself, if it does.
     run : callable (ring, n_round) -> None
         Runs the ring to its end.
 
@@ -64,4 +67,7 @@ def capture(
             raise
     recording, log = camera.stop(), folder / "ring.json"
     write_ring_log(log, ring.log)
+    if told := getattr(camera, "told", None):
+        with atomic_path(folder / "camera.json") as temporary:
+            temporary.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
     return recording, log

@@ -31,6 +31,7 @@ MAX_ROUNDS = 999_999_999
 MAX_ON_US = 2_000_000  # in a row; the firmware enforces it
 PERIOD = 256  # cycles of the carrier
 CYCLES_PER_US = 16
+BLINK_US = 100_000.0  # of a slot, on or off
 ORDER_STEP = 96  # slots that a line of the protocol holds
 LETTERS = string.ascii_uppercase + string.ascii_lowercase  # of LEDs
 USB = {(0x2341, None), (0x2A03, None), (0x1A86, 0x7523), (0x0403, 0x6001)}  # Arduino, CH340, FTDI
@@ -126,6 +127,12 @@ def flickering(settings: RingSettings) -> RingSettings:
     rounds = max(settings.rounds, FLICKER_ROUNDS) if settings.rounds else 0
     order = flicker_order(settings.order)
     return replace(settings, order=order, slot_us=slow, crossfade=1.0, rounds=rounds, constant_light=True)
+
+
+def blinking(settings: RingSettings) -> RingSettings:
+    """Let the first LED of an order go on and off until stopped: what does not move shows its edges then."""
+    led = flicker_order(settings.order)[0]
+    return replace(settings, order=(led, -1), slot_us=BLINK_US, crossfade=0.0, rounds=0)
 
 
 def order_commands(order: tuple[int, ...]) -> list[str]:

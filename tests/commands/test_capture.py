@@ -105,6 +105,13 @@ def test_run_is_recorded_and_joined(options, data, capsys):
     assert "events" in capsys.readouterr().out
 
 
+def test_what_the_camera_says_of_itself_is_kept(options, data):
+    camera = FakeCamera([], data)
+    camera.told = {"biases": {"bias_fo": 5}}
+    record_and_join(options, camera, lambda: StepRing([]))
+    assert json.loads((options.out / "camera.json").read_text()) == camera.told
+
+
 def test_a_flicker_is_recorded_instead(options, data):
     ring = StepRing([])
     record_and_join(replace(options, flicker=True, constant_light=False), FakeCamera([], data), lambda: ring)

@@ -16,7 +16,7 @@ import pytest
 from evsdr.commands import ring
 from evsdr.errors import InputError
 from evsdr.rig import driver, protocol
-from evsdr.rig.driver import Ring, RingSettings, flickering
+from evsdr.rig.driver import Ring, RingSettings, blinking, flickering
 from evsdr.rig.log import parse_ring_log
 from evsdr.rig.protocol import frame
 from tests.conftest import REPOSITORY
@@ -326,3 +326,4 @@ def test_a_flicker_keeps_what_is_slow_enough():
     asked = RingSettings((-1, 4, 5), 500_000.0, 0.5, 30)
     assert flickering(asked) == RingSettings((4, -1, -1), 500_000.0, 1.0, 30, constant_light=True)
     assert flickering(RingSettings(rounds=0)).rounds == 0
+    assert blinking(asked) == RingSettings((4, -1), 100_000.0, 0.0, 0)
