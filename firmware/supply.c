@@ -3,7 +3,7 @@
 
 #include <avr/io.h>
 
-#define BANDGAP_MV 1100UL /* 1000 to 1200, ATmega328P data sheet, table 29-3 */
+#define BANDGAP_MV 1100UL /* 1000 to 1200, ATmega328P data sheet, bandgap reference */
 #define LOW_MV 4000UL     /* 16 MHz want 3.8 V; USB gives 4.4 V at worst */
 #define BANDGAP 14        /* channel */
 

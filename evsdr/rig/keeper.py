@@ -9,7 +9,8 @@ and, whenever the ring says so, `S SILENCE_MS OK words` (an answer to STATUS, an
 two lines to the ring), `# BOOT ...` (it has started) and `! why` (nothing has come for long). A request is sent
 again when no answer has come for REPEAT_S. Once the ring has answered at all, STATUS goes out every BEAT_S,
 whatever else is under way: from a thread of its own, since to look whether a port has something to read waits for
-a worker of the kernel (tty_buffer_flush_work), which a busy computer lets wait. When the socket closes the process ends, and with its beats the light.
+a worker of the kernel (tty_buffer_flush_work), which a busy computer lets wait. When the socket closes,
+or the host has taken nothing for HOST_S, the process ends, and with its beats the light.
 """
 
 import contextlib
@@ -26,6 +27,7 @@ from dataclasses import dataclass
 from evsdr.rig.protocol import BEAT_S, LOST_S, REPEAT_S, Lines, frame
 
 BEAT = "65535"  # the number of its requests
+HOST_S = 10.0  # of a host that takes nothing more: it hangs, and the ring shall go dark
 AGAIN_S = 0.002  # until a request is sent again when a line was spoiled
 START = "import sys; sys.path[:] = {path!r}; from evsdr.rig.keeper import main; main()"
 
@@ -151,6 +153,7 @@ class Keeper:
 def serve(port: int, host: socket.socket) -> None:
     """Keep the ring at a port alive until the host's socket closes."""
     keeper, rest, alive = Keeper(port), b"", True
+    host.settimeout(HOST_S)
     threading.Thread(target=beat_on, args=(keeper,), daemon=True).start()
     while True:
         ready, _, _ = select.select([host, *([port] if alive else [])], [], [], keeper.timeout())
@@ -189,5 +192,7 @@ def main() -> None:
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
     port, host = (int(word) for word in sys.argv[1:3])
-    with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the host has gone
+    with contextlib.suppress(
+        BrokenPipeError, ConnectionResetError, TimeoutError
+    ):  # the host has gone, or hangs
         serve(port, socket.socket(fileno=host))

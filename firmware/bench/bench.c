@@ -21,6 +21,7 @@
  * host is silent, so that a busy computer does not look like a lost host. With --real it never waits: it runs as
  * outside, and what it was late at worst is the last line of the output. --vcd records the pins.
  */
+#include <fcntl.h>
 #include <pty.h>
 #include <poll.h>
 #include <simavr/avr_extint.h>
@@ -333,6 +334,7 @@ int main(int argc, char **argv) {
         tcgetattr(other, &raw);
         cfmakeraw(&raw);
         tcsetattr(other, TCSANOW, &raw);
+        fcntl(terminal, F_SETFL, O_NONBLOCK); /* a UART does not wait for whoever reads */
         printf("%s\n", name);
     }
     avr_reset(avr);
