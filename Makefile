@@ -18,7 +18,7 @@ demo: .venv/.ready  ## simulate a recording of a sphere, recover its normals and
 	$(PY) -m evsdr.fit scenes/sphere_pole.xml $(DEMO)/events.h5 --truth $(DEMO)/truth.npz --out $(DEMO)/fit
 
 test: .venv/.ready-test  ## run all tests, in two processes (JOBS=N)
-	$(PY) -m pytest -n $(JOBS) --dist loadfile
+	$(PY) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
 benchmark: .venv/.ready-test  ## measure accuracy and speed
 	$(PY) -m experiments.benchmark
