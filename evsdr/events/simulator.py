@@ -14,7 +14,8 @@ from evsdr.events.pixel_kernel import NOISE_STEP, Model, run_pixels
 from evsdr.records import Events, Schedule
 
 SPREAD_CORRELATION = -0.21  # between the fixed patterns of C_on and C_off, measured on 921,600 pixels
-SMALLEST_LIGHT = 1e-6  # darkness, so that the logarithm stays finite
+SMALLEST_LIGHT = 1e-6  # darkness, so that the logarithm stays finite,
+DIM = 1e-3  # beneath light that is brighter than this somewhere; else in proportion
 MOST_STEPS = 1e8  # of a pixel, some ten seconds; guessed
 BLOCK = 4096  # pixels between two looks at the keyboard
 ROOM = 256  # events of a pixel before it is done again with more room
@@ -79,7 +80,7 @@ def simulate_events(
     signal : (n_led, height, width) float
         A_xj, 0 or more; I = 1 is a white patch that faces an LED.
     constant_light : float
-        C_w; with an LED it makes 1e-6 at least, darkness is taken as that.
+        C_w; with an LED it makes 1e-6 at least, darkness is taken as that, or less beneath light of 1e-3 at most.
     schedule : Schedule
         Which LED is lit when.
     n_round : int
@@ -187,6 +188,7 @@ def find_crossings(
     if model.noise > 0:
         _check_steps(model, float(signal.max()), len(schedule.order))
     n_pixel = signal[0].size
+    darkness = SMALLEST_LIGHT * min((float(signal.max()) + constant_light) / DIM or 1.0, 1.0)
     lit = np.append(schedule.order, schedule.order[0])
     signal = signal.reshape(len(signal), n_pixel)
     maps = [np.ravel(m) for m in (fixed.threshold_on, fixed.threshold_off, fixed.leak, fixed.state)]
@@ -196,7 +198,7 @@ def find_crossings(
         while len(todo):
             light = signal[lit, todo[:, None]].astype(np.float64)
             light[:, lit < 0] = 0
-            light = np.maximum(light + constant_light, SMALLEST_LIGHT)
+            light = np.maximum(light + constant_light, darkness)
             t_us = np.empty((len(todo), room))
             polarity = np.empty((len(todo), room), np.int8)
             count = np.empty(len(todo), np.int64)

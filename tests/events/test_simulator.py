@@ -285,3 +285,17 @@ def test_arguments_that_make_no_sense(change, field):
     arguments = dict(signal=column(0.1, 1), constant_light=0.1, schedule=ring([0, 1]), n_round=1, pixel=IDEAL)
     with pytest.raises(InputError, match=f"^{field} "):
         simulate_events(**(arguments | change))
+
+
+def test_the_unit_of_light_makes_no_difference():
+    """Without a photoreceptor events tell ratios of light."""
+    arguments = dict(schedule=ring([0, 1, -1]), n_round=2, pixel=IDEAL)
+    light = column(0.5, 2)
+    (expected, *_), (found, *_) = (
+        simulate_events(signal=light * unit, constant_light=0.05 * unit, **arguments) for unit in (1, 2.0**-40)
+    )
+    assert len(expected) > 10
+    for name in "xypt":
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    silent, *_ = simulate_events(signal=0 * light, constant_light=0.0, **arguments)
+    assert len(silent) == 0
