@@ -292,7 +292,8 @@ def test_the_unit_of_light_makes_no_difference():
     arguments = dict(schedule=ring([0, 1, -1]), n_round=2, pixel=IDEAL)
     light = column(0.5, 2)
     (expected, *_), (found, *_) = (
-        simulate_events(signal=light * unit, constant_light=0.05 * unit, **arguments) for unit in (1, 2.0**-40)
+        simulate_events(signal=light * unit, constant_light=0.05 * unit, **arguments)
+        for unit in (1, 2.0**-40)
     )
     assert len(expected) > 10
     for name in "xypt":
