@@ -18,10 +18,11 @@ from rich.table import Table
 from rich.text import Text
 
 from evsdr import __version__
-from evsdr.errors import InputError, InputWarning
+from evsdr.errors import InputError, InputWarning, free_memory
 from evsdr.signals import stoppable
 
 UNFORESEEN = 70  # EX_SOFTWARE of sysexits.h
+LIBRARY = 256 << 20  # bytes; the largest that is loaded, LLVM's, is about half of that
 LESS = "use a smaller film or fewer events, or close other programs"
 
 
@@ -81,8 +82,8 @@ def stopped_by(number: int, what: str) -> int:
 
 def _of_memory(error: Exception) -> bool:
     """Tell whether memory ran out; Dr.Jit has words of its own for that."""
-    if isinstance(error, OSError):
-        return error.errno == errno.ENOMEM
+    if isinstance(error, (OSError, ImportError)):  # a library for which there is no room says something else
+        return getattr(error, "errno", None) == errno.ENOMEM or free_memory() < LIBRARY
     words = ("out of memory", "allocation cache", "bad_alloc")
     return isinstance(error, MemoryError) or (
         isinstance(error, RuntimeError) and any(word in str(error) for word in words)

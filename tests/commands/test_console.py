@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from evsdr.commands import console
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputError, InputWarning
 from evsdr.files.atomic import atomic_folder
@@ -181,3 +182,10 @@ def test_table_shows_brackets(capsys):
     out, err = capsys.readouterr()
     assert err == ""
     assert all(text in out for text in ("a[/b] [bold]", "time [s]", "1.5", "[red]", "[/]"))
+
+
+@pytest.mark.parametrize("free", [1e8, 1e10])
+def test_libraries_without_room_are_a_matter_of_memory(monkeypatch, free):
+    monkeypatch.setattr(console, "free_memory", lambda: free)
+    error = ImportError("failed to map segment from shared object")
+    assert console._of_memory(error) == (free < 1e9)
