@@ -38,7 +38,7 @@ def test_import_is_cheap(module):
 
 DOORS = (
     *("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export", "batch", "new_scene"),
-    "view",
+    *("view", "live"),
 )
 
 

@@ -16,13 +16,13 @@ FLOORS = (
     ("solve", "light", "shape", "rig"),
     ("effects", "limits", "calibration", "page", "exports", "jobs"),
     ("fitting",),
-    ("viewing",),
+    ("viewing", "preview"),
     ("commands", "scenes", "door"),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 DOORS = (
     *("fit", "simulate", "design", "calibrate", "convert", "capture", "ring", "export", "batch", "new_scene"),
-    "view",
+    *("view", "live"),
 )
 ONLY_IN = {
     "mitsuba": ("light", "integrators", "jit"),
