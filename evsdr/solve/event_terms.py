@@ -6,7 +6,7 @@ from evsdr.solve import law
 from evsdr.solve.light import Light
 from evsdr.solve.pair_data import PairData, looked_up, unpack_pair
 
-SMALLEST_SLOPE = 0.02  # of log I per slot: what is slower, or has the wrong sign, counts as nearly this
+SLOWEST = 0.08  # of a threshold per slot: what is slower, or has the wrong sign, counts as nearly this; guessed
 
 
 def normal_equations(
@@ -74,11 +74,11 @@ def normal_equations(
         gradient = [w * r for w in weighted]
         matrix = [weighted[i] * jacobian[j] for i in range(n) for j in range(i + 1)]
         if slope_term:
-            rarity, slope = _rarity(lit, total, by_end, polarity, n_band)
+            rarity, slope, share = _rarity(lit, total, by_end, polarity, threshold, n_band)
             fading = active & (end > dr.floor(end))
             counted = dr.select(fading, given * slope_term, 0.0)
-            cost += counted * (rarity + dr.log(threshold))
-            slope += [dr.select(side, Float(1.0), 0.0) for side in sides]
+            cost += counted * rarity
+            slope += [dr.select(side, share, 0.0) for side in sides]
             scaled = [counted * s for s in slope]
             gradient = [g + s for g, s in zip(gradient, scaled)]
             squares = (scaled[i] * slope[j] for i in range(n) for j in range(i + 1))
@@ -90,13 +90,16 @@ def normal_equations(
     return state[1], list(state[2 : 2 + n]), list(state[2 + n :])
 
 
-def _rarity(lit, total, jacobian, polarity, n_band):
-    """Give -log p df/dt and its derivatives by p, q and log reflectances; jacobian is that of log I at the event."""
+def _rarity(lit, total, jacobian, polarity, threshold, n_band):
+    """Give -log of p df/dt in thresholds, its derivatives by p, q and log reflectances, and that by the log threshold.
+
+    Thresholds and contrasts that shrink together leave it as it is. `jacobian` is that of log I at the event.
+    """
     (_, (signal_0, *slopes_0, band_0, diffuse_0)), (_, (signal_1, *slopes_1, band_1, diffuse_1)) = lit
     speed = polarity * (signal_1 - signal_0) / total  # of log I, per slot
-    root = dr.sqrt(dr.square(speed) + dr.square(SMALLEST_SLOPE))
+    root = dr.sqrt(dr.square(speed) + dr.square(SLOWEST * threshold))
     by = [b - a for a, b in zip(slopes_0, slopes_1)]
     for b in range(n_band):
         by.append(dr.select(band_1 == b, diffuse_1, 0.0) - dr.select(band_0 == b, diffuse_0, 0.0))
     gradient = [-(polarity * d / total - speed * j) / root for d, j in zip(by, jacobian)]
-    return -dr.log(0.5 * (speed + root)), gradient
+    return -dr.log(0.5 * (speed + root) / threshold), gradient, speed / root

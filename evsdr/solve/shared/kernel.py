@@ -22,7 +22,7 @@ from evsdr.solve.law import GAUSS, SHARE, STUDENT
 from evsdr.solve.shared.rig import N_TIMING
 from evsdr.threads import N_CHUNK, in_chunks
 
-SMALLEST_SLOPE = 0.02  # of v per slot: what is slower, or has the wrong sign, counts as nearly this
+SLOWEST = 0.08  # of a threshold per slot: v that is slower, or has the wrong sign, counts as nearly this; guessed
 FAR = 5.0  # standard deviations of a threshold within which silence says nothing
 TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, POLE, ON, OFF = range(9)  # columns after those of the LEDs
 STIRRED = TAU, DARK, NOISE, POLE  # by which derivatives are differences
@@ -102,9 +102,10 @@ def _change_of_kept(own_time, pole):
 
 
 @njit(cache=True, error_model="numpy")
-def _rarity(p, late, own):
-    """Give -log p dv/dt, of dv/dt = (log I - v) (I + dark) / tau."""
-    return -np.log(0.5 * (p * late + np.sqrt(late * late + (SMALLEST_SLOPE / own) ** 2)) * own)
+def _rarity(p, late, own, threshold):
+    """Give -log of p dv/dt in thresholds, of dv/dt = (log I - v) (I + dark) / tau."""
+    least = SLOWEST * threshold / own
+    return -np.log(0.5 * (p * late + np.sqrt(late * late + least**2)) * own / threshold)
 
 
 @njit(cache=True, error_model="numpy")
@@ -259,7 +260,7 @@ def _run(
                 by_refractory = fading * own - by_shift
             late, log_now, own, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 1.0
             if not last:
-                fired = (at[k] - shift) % n_slot
+                fired, met_by = (at[k] - shift) % n_slot, thresholds[i, 0 if p > 0 else 1]
                 for q in sets:
                     late, log_now, own = _look(fired, light, nodes[q], values[q], crossfade)
                     if told_noise > 0:
@@ -267,7 +268,7 @@ def _run(
                             lead, told_noise, late, own, fired, nodes[q], crossfade, pole
                         )
                     met[q] = log_now - late + p * told_noise * noise[q, 0]
-                    rarity[q] = _rarity(p, late + leak / own, own)
+                    rarity[q] = _rarity(p, late + leak / own, own, met_by)
                 for q in sets[:-1]:
                     if abs(noise[q, 0] - noise[0, 0]) > TURN:
                         met[q] += p * told_noise * (noise[0, 0] - noise[q, 0])
@@ -304,25 +305,25 @@ def _run(
                 excess = (u / scale / terms.robust) ** 2
                 weight, share = 1 / (1 + excess), terms.slope_term
                 cost[i] += np.log(scale) + 0.5 * terms.robust**2 * np.log(1 + excess)
-                cost[i] += share * (rarity[0] + np.log(threshold))
+                cost[i] += share * rarity[0]
                 _add(matrix, slopes, row, weight * u / scale, weight)
                 row[:] = 0
                 for q in range(DARK + 1):
                     more = rarity[q + 1] - rarity[0]
                     row[timing + q] = more / moved_by[q] if moved_by[q] != 0 and abs(more) < KINK else 0.0
-                factor = p / np.sqrt((late + leak / own) ** 2 + (SMALLEST_SLOPE / own) ** 2)
+                factor = p / np.sqrt((late + leak / own) ** 2 + (SLOWEST * threshold / own) ** 2)
                 row[timing + LEAK] = -factor / own
                 earlier = (
                     fired - EARLIER
                 ) % n_slot  # by differences: v' = late own is too near to log I' for its change
                 late_then, _, own_then = _look(earlier, light, nodes[0], values[0], crossfade)
-                more = _rarity(p, late_then + leak / own_then, own_then) - rarity[0]
+                more = _rarity(p, late_then + leak / own_then, own_then, threshold) - rarity[0]
                 row[timing + SHIFT] = more / EARLIER if abs(more) < KINK else 0.0
                 _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
                 slot, fade = phase_at(fired, crossfade, n_slot)
                 lit = 1 - values[0, DARK] / (own * tau)  # I / (I + dark)
                 _add_light(row, -factor * (1 + late * lit), slot, fade, leds, table, tilt, veil, band, n)
-                row[logs + side] = 1.0
+                row[logs + side] = factor * (late + leak / own)
                 _add(matrix, slopes, row, share, share)
             # thresholds that were not met: v is extreme where slots start
             n_probe = int(start + min(length - refractory, float(n_slot))) - int(start)
