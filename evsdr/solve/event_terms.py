@@ -6,7 +6,8 @@ from evsdr.solve import law
 from evsdr.solve.light import Light
 from evsdr.solve.pair_data import PairData, looked_up, unpack_pair
 
-SLOWEST = 0.08  # of a threshold per slot: what is slower, or has the wrong sign, counts as nearly this; guessed
+# Of a threshold per slot: what is slower, or has the wrong sign, counts as nearly this; guessed
+SLOWEST = 0.08
 
 
 def normal_equations(

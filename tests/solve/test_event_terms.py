@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.solve.event_terms import SMALLEST_SLOPE, normal_equations
+from evsdr.solve.event_terms import SLOWEST, normal_equations
 from tests.support.random_pairs import C_W, N_BAND, N_PIXEL, ORDER, ROBUST, SCALE, N, Scene, derivative
 
 
@@ -20,7 +20,8 @@ def rarity(scene, i, k, theta, share):
     polarity, slot = scene.polarity[k], int(scene.end[k]) % len(ORDER)
     total, lit = scene.light(i, scene.end[k], theta, share)
     speed = polarity * (lit[ORDER[(slot + 1) % len(ORDER)]] - lit[ORDER[slot]]) / total
-    return -np.log(0.5 * (speed + np.hypot(speed, SMALLEST_SLOPE)) / scene.threshold(i, polarity, theta))
+    speed /= scene.threshold(i, polarity, theta)
+    return -np.log(0.5 * (speed + np.hypot(speed, SLOWEST)))
 
 
 @pytest.mark.parametrize(("thresholds", "share"), [(False, 0.0), (True, 0.0), (False, 0.7), (True, 0.7)])
@@ -57,3 +58,19 @@ def test_terms_are_those_of_a_plain_loop(scene, thresholds, share):
         found = np.array([m.numpy()[i] for m in matrix])
         np.testing.assert_allclose(found, triangle, rtol=5e-3, atol=2e-3 * np.abs(triangle).max() + 1e-6)
     assert n_event > 40
+
+
+def test_nothing_is_gained_where_contrasts_and_thresholds_shrink_together(scene):
+    """Else thresholds of a surface that is not matt, in bright constant light, would go to zero."""
+    veil, costs = mi.Float(1e3), []
+    for factor in (1.0, 0.1):
+        small = replace(scene, **{name: factor * getattr(scene, name) for name in ("signal", "by_p", "by_q")})
+        pairs = replace(
+            scene.pairs,
+            bias=None,
+            threshold_on=mi.Float(1e-3 * factor * scene.on),
+            threshold_off=mi.Float(1e-3 * factor * scene.off),
+        )
+        given = veil, N_BAND, mi.Float(SCALE), mi.Float(ROBUST), True, 0.7
+        costs.append(normal_equations(small.table(), pairs, *given)[0].numpy())
+    np.testing.assert_allclose(*costs, rtol=0.02, atol=0.02)

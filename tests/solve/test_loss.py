@@ -84,7 +84,7 @@ def test_scores_vanish_at_the_truth_and_scatter_as_the_information_says(noise, m
     """
     monkeypatch.setattr(law, "SHARE", 1e-6)
     monkeypatch.setattr(silence_terms, "JITTER", 0.02)
-    monkeypatch.setattr(event_terms, "SMALLEST_SLOPE", 1e-3)
+    monkeypatch.setattr(event_terms, "SLOWEST", 3e-3)
     n_same, n = 1500, 2 + 8 + 2
     few = np.array([[0.3, 0.2, 1], [-0.8, 0.1, 1], [0.5, -0.9, 1]])
     normal = np.repeat(few / np.linalg.norm(few, axis=1, keepdims=True), n_same, axis=0).reshape(3, n_same, 3)

@@ -22,7 +22,8 @@ from evsdr.solve.law import GAUSS, SHARE, STUDENT
 from evsdr.solve.shared.rig import N_TIMING
 from evsdr.threads import N_CHUNK, in_chunks
 
-SLOWEST = 0.08  # of a threshold per slot: v that is slower, or has the wrong sign, counts as nearly this; guessed
+# Of a threshold per slot: v that is slower, or has the wrong sign, counts as nearly this; guessed
+SLOWEST = 0.08
 FAR = 5.0  # standard deviations of a threshold within which silence says nothing
 TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, POLE, ON, OFF = range(9)  # columns after those of the LEDs
 STIRRED = TAU, DARK, NOISE, POLE  # by which derivatives are differences
@@ -39,6 +40,12 @@ class Terms(NamedTuple):
     scatter: float  # of the relative residual, beside the photoreceptor's noise
     robust: float  # width of Cauchy's cost in standard deviations
     slope_term: float  # weight of the density of event times
+    slowest: float  # dv/dt per slot, see `slowest_of`
+
+
+def slowest_of(threshold: np.ndarray) -> float:
+    """Give the slope that counts as slow with thresholds as they are told; those that are found would shrink with it."""
+    return SLOWEST * float(np.mean(threshold))
 
 
 @njit(cache=True, error_model="numpy")
@@ -102,10 +109,9 @@ def _change_of_kept(own_time, pole):
 
 
 @njit(cache=True, error_model="numpy")
-def _rarity(p, late, own, threshold):
-    """Give -log of p dv/dt in thresholds, of dv/dt = (log I - v) (I + dark) / tau."""
-    least = SLOWEST * threshold / own
-    return -np.log(0.5 * (p * late + np.sqrt(late * late + least**2)) * own / threshold)
+def _rarity(p, late, own, slowest):
+    """Give -log p dv/dt, of dv/dt = (log I - v) (I + dark) / tau."""
+    return -np.log(0.5 * (p * late + np.sqrt(late * late + (slowest / own) ** 2)) * own)
 
 
 @njit(cache=True, error_model="numpy")
@@ -212,7 +218,7 @@ def _run(
     n_all = n + n_led + N_TIMING + n_led * tilts.shape[2]
     timing = n + n_led
     logs = n - 2 if own_thresholds else timing + ON  # first column of the thresholds
-    crossfade, told_noise = terms.crossfade, values[0, NOISE]
+    crossfade, told_noise, slowest = terms.crossfade, values[0, NOISE], terms.slowest
     tau, shift, refractory, leak = values[0, TAU], values[0, SHIFT], values[0, REFRACTORY], values[0, LEAK]
     moved_by = np.zeros(len(STIRRED))
     for q in range(len(STIRRED)):
@@ -260,7 +266,7 @@ def _run(
                 by_refractory = fading * own - by_shift
             late, log_now, own, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 1.0
             if not last:
-                fired, met_by = (at[k] - shift) % n_slot, thresholds[i, 0 if p > 0 else 1]
+                fired = (at[k] - shift) % n_slot
                 for q in sets:
                     late, log_now, own = _look(fired, light, nodes[q], values[q], crossfade)
                     if told_noise > 0:
@@ -268,7 +274,7 @@ def _run(
                             lead, told_noise, late, own, fired, nodes[q], crossfade, pole
                         )
                     met[q] = log_now - late + p * told_noise * noise[q, 0]
-                    rarity[q] = _rarity(p, late + leak / own, own, met_by)
+                    rarity[q] = _rarity(p, late + leak / own, own, slowest)
                 for q in sets[:-1]:
                     if abs(noise[q, 0] - noise[0, 0]) > TURN:
                         met[q] += p * told_noise * (noise[0, 0] - noise[q, 0])
@@ -305,25 +311,25 @@ def _run(
                 excess = (u / scale / terms.robust) ** 2
                 weight, share = 1 / (1 + excess), terms.slope_term
                 cost[i] += np.log(scale) + 0.5 * terms.robust**2 * np.log(1 + excess)
-                cost[i] += share * rarity[0]
+                cost[i] += share * (rarity[0] + np.log(threshold))
                 _add(matrix, slopes, row, weight * u / scale, weight)
                 row[:] = 0
                 for q in range(DARK + 1):
                     more = rarity[q + 1] - rarity[0]
                     row[timing + q] = more / moved_by[q] if moved_by[q] != 0 and abs(more) < KINK else 0.0
-                factor = p / np.sqrt((late + leak / own) ** 2 + (SLOWEST * threshold / own) ** 2)
+                factor = p / np.sqrt((late + leak / own) ** 2 + (slowest / own) ** 2)
                 row[timing + LEAK] = -factor / own
                 earlier = (
                     fired - EARLIER
                 ) % n_slot  # by differences: v' = late own is too near to log I' for its change
                 late_then, _, own_then = _look(earlier, light, nodes[0], values[0], crossfade)
-                more = _rarity(p, late_then + leak / own_then, own_then, threshold) - rarity[0]
+                more = _rarity(p, late_then + leak / own_then, own_then, slowest) - rarity[0]
                 row[timing + SHIFT] = more / EARLIER if abs(more) < KINK else 0.0
                 _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
                 slot, fade = phase_at(fired, crossfade, n_slot)
                 lit = 1 - values[0, DARK] / (own * tau)  # I / (I + dark)
                 _add_light(row, -factor * (1 + late * lit), slot, fade, leds, table, tilt, veil, band, n)
-                row[logs + side] = factor * (late + leak / own)
+                row[logs + side] = 1.0
                 _add(matrix, slopes, row, share, share)
             # thresholds that were not met: v is extreme where slots start
             n_probe = int(start + min(length - refractory, float(n_slot))) - int(start)

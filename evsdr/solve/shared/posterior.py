@@ -10,7 +10,7 @@ import numpy as np
 
 from evsdr.solve.law import gaussian_share
 from evsdr.solve.noise import NOISE_RANGE
-from evsdr.solve.shared.kernel import ON, Terms
+from evsdr.solve.shared.kernel import ON, Terms, slowest_of
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.rig import N_TIMING, NOT_NEGATIVE, Basis, Rig, Told
 from evsdr.solve.threshold_spread import MEDIAN_OF_SQUARE, SMALLEST_SPREAD
@@ -146,7 +146,8 @@ class Posterior:
 
     def _sums(self, theta, free, some=None, kind=None) -> tuple:
         """See `kernel.pixel_sums`."""
-        terms = Terms(self.pixels.crossfade, self.scatter, ROBUST, SLOPE_TERM)
+        slowest = slowest_of(self.pixels.threshold)
+        terms = Terms(self.pixels.crossfade, self.scatter, ROBUST, SLOPE_TERM, slowest)
         given = self.own_thresholds, self.tilted, terms, self.weigh, some, self.stirred
         return self.pixels.sums(theta, self.rig(free), *given, kind)
 

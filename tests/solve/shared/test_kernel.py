@@ -22,7 +22,7 @@ from tests.support.pixel_light import ring
 from tests.support.sphere import NO_FLAWS
 
 N_LED, N_PIXEL, VEIL, FAST = 6, 5, 0.05, 1e-6
-ROBUST, SHARE = 3.0, gaussian_share(3.0)
+ROBUST, SHARE, SLOW = 3.0, gaussian_share(3.0), 0.02
 ORDER = np.array([0, 1, 6, 2, 5, 4, 3, 3])  # LED 6 is darkness
 BAND = np.arange(N_LED) % 3
 N_MAP, N_EVENT = 5, 40  # unknowns of the maps; events of a pixel
@@ -80,7 +80,7 @@ class Case:
         weigh = np.zeros(len(self.events[1])) if self.weigh is None else self.weigh
         return pixel_sums(
             self.events, ORDER, BAND, VEIL, signals, self.tilts, self.thresholds * np.exp(logs), self.own,
-            values, Terms(self.crossfade, self.scatter, ROBUST, SHARE), TABLE, weigh, some,
+            values, Terms(self.crossfade, self.scatter, ROBUST, SHARE, SLOW), TABLE, weigh, some,
         )  # fmt: skip
 
     @property
@@ -250,7 +250,7 @@ def test_events_without_noise_leave_no_residual(rng, tau, crossfade):
     def residual(*truth):
         values = np.tile(np.maximum([*truth, 0], [FAST, 0, 0, -1, 0, 0, 0]), (5, 1))
         thresholds = np.stack([on.ravel(), off.ravel()], axis=-1).astype(float)
-        terms = Terms(crossfade, 0.01, ROBUST, SHARE)
+        terms = Terms(crossfade, 0.01, ROBUST, SHARE, SLOW)
         given_light = np.arange(N_LED), np.arange(N_LED) % 3, VEIL, table, np.zeros((6, N_LED, 0)), thresholds
         out = pixel_sums(given, *given_light, False, values, terms, TABLE, np.zeros(len(t)))
         return out[3][np.isfinite(out[3])]
@@ -311,7 +311,7 @@ def test_the_law_is_that_of_the_maps_solver(rng, monkeypatch):
     thresholds = np.stack([on.ravel(), off.ravel()], axis=-1).astype(float)
     found = pixel_sums(
         ours, ORDER, BAND, VEIL, table, np.zeros((N_PIXEL, N_LED, 0)), thresholds, True, values,
-        Terms(1.0, scale, ROBUST, SHARE), TABLE, np.zeros(len(t)),
+        Terms(1.0, scale, ROBUST, SHARE, SLOW), TABLE, np.zeros(len(t)),
     )  # fmt: skip
     assert len(pairs.silent_start) > 20
     # between nodes a parabola stands for log I: its slope is off by up to a half percent
