@@ -35,7 +35,7 @@ class Cost:
         return self.start + self.pixel * n_pixel + self.event * n_event
 
 
-# Measured by experiments/speed_accuracy on 2 cores, thresholds unknown; from the best to the quickest
+# Guessed, of 2 cores and unknown thresholds; from the best to the quickest
 REFERENCE = 0.05
 COST = {
     "accurate": Cost(2.5, 3.0e-4, 3.0e-6),

@@ -17,7 +17,7 @@ CONTRARY = 50.0  # noise of a pixel, relative to most, whose events count for no
 CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are worth a warning
 MENDED_MISFIT = 0.25  # `MISFIT` after LEDs were put right: what remains was not theirs
 UNSCALED = 0.02  # of the known pixels, from which scales that are not known are worth a warning
-FAINT = 0.005  # of an LED's light, below which a constant light is too weak; measured by experiments/extremes: .02 is not
+FAINT = 0.005  # of an LED's light, below which a constant light is too weak; guessed: experiments/extremes has 0.002 too weak, 0.02 not
 FEW_KNOWN = 0.5  # of the pixels that fire; guessed
 
 
