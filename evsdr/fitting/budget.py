@@ -35,16 +35,16 @@ class Cost:
         return self.start + self.pixel * n_pixel + self.event * n_event
 
 
-# Guessed, of 2 cores and unknown thresholds; from the best to the quickest
-REFERENCE = 0.05
+# Measured by experiments/speed_accuracy (blob, 32 to 256 pixels, 3 and 6 rounds, 2 cores), less the 2 s before the solver;
+# from the best to the quickest
+REFERENCE = 0.04
 COST = {
-    "accurate": Cost(2.5, 3.0e-4, 3.0e-6),
-    "balanced": Cost(2.0, 2.2e-4, 2.5e-6),
-    "fast": Cost(1.0, 1.0e-4, 1.4e-6),
+    "accurate": Cost(4.0, 3.2e-4, 4.2e-6),
+    "balanced": Cost(3.0, 2.8e-4, 3.8e-6),
+    "fast": Cost(0.8, 1.6e-4, 9.0e-7),
 }
-AFTER = Cost(
-    0.3, 6.0e-5, 1.0e-7
-)  # of what follows: stages that are left end early, then surface, signals, files, page
+# Of what follows: stages that are left end early, then surface, signals, files, page; guessed
+AFTER = Cost(0.3, 6.0e-5, 1.0e-7)
 
 
 @dataclass(frozen=True)
