@@ -19,6 +19,7 @@ def test_what_it_holds_is_read(tmp_path):
         (b"\xff\xfe{}", "not JSON"),
         (b"[" * 100_000, "not JSON"),
         (b'{"a": ' + b"9" * 5000 + b"}", "not JSON"),
+        (b'{"a": -' + b"9" * 400 + b"}", "not JSON"),
     ],
 )
 def test_faults_become_a_sentence(tmp_path, content, says):
