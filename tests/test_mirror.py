@@ -28,7 +28,18 @@ ROOMS = (
 WITHOUT = {
     f"{door}.py": "five lines, run by test_package.py"
     for door in (
-        *("batch", "calibrate", "capture", "convert", "design", "export", "fit", "new_scene", "ring", "simulate"),
+        *(
+            "batch",
+            "calibrate",
+            "capture",
+            "convert",
+            "design",
+            "export",
+            "fit",
+            "new_scene",
+            "ring",
+            "simulate",
+        ),
         *("view", "live"),
     )
 }

@@ -23,9 +23,8 @@ RIM = 0.35  # least cosine between normal and line of sight: nearer the rim a pi
 STEP = 0.05  # of the outline for derivatives [pixels]
 FEWEST_PIXELS = 50
 MOST_PIXELS = 4000
-POINTS = (
-    np.array([(x, y) for y in (-1, 0, 1) for x in (-1, 0, 1)]) / 3
-)  # that average over a pixel, horizons of LEDs too
+# Points that average over a pixel, horizons of LEDs too
+POINTS = np.array([(x, y) for y in (-1, 0, 1) for x in (-1, 0, 1)]) / 3
 COARSE_DEG = 1000.0  # over the radius to the fourth [pixels]: what pixels leave open; measured, 0.6 degrees at 7 pixels
 
 

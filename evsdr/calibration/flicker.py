@@ -20,10 +20,8 @@ FEWEST = 20  # pairs of a pixel that tell its v
 OUTLIER = 0.3  # of a pixel's median change, beyond which a pair says nothing of v
 SETTLED = 0.3  # of a dark slot, after which it is dark
 HOT_HZ = 10.0  # of events in the dark, from which a pixel is hot
-MAINS_HZ, CLEAR = (
-    (100.0, 120.0),
-    4.0,
-)  # of lamps in the room; times what chance makes of their share (Rayleigh 1880)
+# Of lamps in the room; times what chance makes of their share (Rayleigh 1880)
+MAINS_HZ, CLEAR = (100.0, 120.0), 4.0
 
 
 def is_flicker(schedule: Schedule) -> bool:

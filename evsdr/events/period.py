@@ -19,15 +19,12 @@ REACH = 0.02  # of a round: farther off nothing is looked for; resonators are wi
 BLUR = 0.1  # slots, s; measured: 0.05 to 0.3 tell it about as well, narrower ones not in small recordings
 MOST_EVENTS = 150_000  # that are looked at; guessed: these tell a round to 10 ppm
 WIDE = 5.0  # s, within which pairs count
-FARTHER, MOST_LAGS = (
-    6,
-    12,
-)  # rounds apart that the search looks at, then as many times farther each time; lags at a time
+# Rounds apart that the search looks at, then as many times farther each time; lags at a time
+FARTHER, MOST_LAGS = 6, 12
 HOT = 8.0  # times as many events as the median pixel that fires has are no light's; guessed
 PEAKED = 6.0  # standard deviations by which S must be peaked at all; measured: at the highest of chance peaks 3 to 5
-ALIKE = (
-    0.002  # slots by which events of the last round may be late as no two rounds are quite alike; measured
-)
+# Slots by which events of the last round may be late as no two rounds are quite alike; measured
+ALIKE = 0.002
 N_STEP = 20  # of Newton's method
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from evsdr.fitting.settings import Settings
 from evsdr.progress import Progress
+from evsdr.records import Recording
 from evsdr.threads import in_chunks
 
 BY_BUDGET = "time budget"  # what `stopped_by` of a summary says
@@ -83,9 +84,14 @@ class Budget:
         return {"time_budget": budget} | ({"stopped_by": BY_BUDGET} if stopped else {})
 
 
-def plan_of(settings: Settings, n_pixel: int, n_event: int, began: float) -> Budget | None:
-    """Measure this machine and plan, if there is a budget; arguments as those of `plan`."""
-    return plan(settings, n_pixel, n_event, began, slowness()) if settings.time_budget else None
+def budget_of(settings: Settings, recording: Recording, began: float) -> Budget | None:
+    """Measure this machine and plan, if time is limited, by the pixels that fire; `began` as in `plan`."""
+    if not settings.time_budget:
+        return None
+    events, sensor = recording.events, recording.sensor
+    fires = np.zeros((sensor.height, sensor.width), bool)
+    fires[events.y, events.x] = True
+    return plan(settings, np.count_nonzero(fires), len(events), began, slowness())
 
 
 def plan(settings: Settings, n_pixel: int, n_event: int, began: float, slowness: float) -> Budget:

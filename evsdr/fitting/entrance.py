@@ -17,7 +17,7 @@ from evsdr import jit
 from evsdr.errors import InputWarning
 from evsdr.files.atomic import check_folder
 from evsdr.files.events_h5 import read_recording
-from evsdr.fitting.budget import plan_of
+from evsdr.fitting.budget import budget_of
 from evsdr.fitting.settings import Settings, check_settings
 from evsdr.light.entry import open_scene
 from evsdr.progress import Progress, Seconds, silent
@@ -173,7 +173,7 @@ def fit(
 
         recording = recording if isinstance(recording, Recording) else read_recording(recording)
         ring = scene if isinstance(scene, RingScene) else load_scene(scene)
-        plan = plan_of(settings, ring.width * ring.height, len(recording.events), began)
+        plan = budget_of(settings, recording, began)
         seconds = Seconds(plan.watch(progress or silent) if plan else progress)
         found = fit_recording(ring, recording, plan.settings if plan else settings, mask, seconds)
     more = plan.told(found.summary["stopped"]) if plan else {}

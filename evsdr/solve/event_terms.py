@@ -6,9 +6,6 @@ from evsdr.solve import law
 from evsdr.solve.light import Light
 from evsdr.solve.pair_data import PairData, looked_up, unpack_pair
 
-# Of a threshold per slot: what is slower, or has the wrong sign, counts as nearly this; guessed
-SLOWEST = 0.08
-
 
 def normal_equations(
     table,
@@ -98,7 +95,7 @@ def _rarity(lit, total, jacobian, polarity, threshold, n_band):
     """
     (_, (signal_0, *slopes_0, band_0, diffuse_0)), (_, (signal_1, *slopes_1, band_1, diffuse_1)) = lit
     speed = polarity * (signal_1 - signal_0) / total  # of log I, per slot
-    root = dr.sqrt(dr.square(speed) + dr.square(SLOWEST * threshold))
+    root = dr.sqrt(dr.square(speed) + dr.square(law.SLOWEST * threshold))
     by = [b - a for a, b in zip(slopes_0, slopes_1)]
     for b in range(n_band):
         by.append(dr.select(band_1 == b, diffuse_1, 0.0) - dr.select(band_0 == b, diffuse_0, 0.0))

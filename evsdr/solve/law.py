@@ -11,6 +11,9 @@ import drjit as dr
 import numpy as np
 
 SHARE = 0.05  # of the thresholds with the tails of Student's t; guessed: 0.02 to 0.2 do about as well
+SLOWEST = (
+    0.08  # thresholds per slot: light that is slower, or goes the wrong way, counts as nearly this; guessed
+)
 GAUSS, STUDENT = (2 * np.pi) ** -0.5, 2 / (np.pi * 3**0.5)  # densities at 0, of three degrees of freedom
 TAIL = -16.0  # from which down the probability is a series in 1 / y: float32 can't tell it from 0 otherwise
 FAR = -2.0  # from which down the curvature is that of the tangent parabola about 0

@@ -17,9 +17,8 @@ SHORTEST = 4096  # bins that are transformed: frequencies are then half a Hz apa
 RANGE_HZ = 15.0, 400.0  # that is looked at
 MAINS_HZ = 100.0, 120.0  # a lamp's light goes with the square of the mains
 NEAR_HZ = 1.5  # by which the mains may be off
-IN_TIME = (
-    0.4  # of the beat, from which events keep time; measured: 0.8 and more for a lamp, noise less than 0.2
-)
+# Of the beat, from which events keep time; measured: 0.8 and more for a lamp, noise less than 0.2
+IN_TIME = 0.4
 FEWEST = 20  # events against the grain that tell anything
 
 

@@ -6,10 +6,8 @@ import evsdr
 from evsdr import Maps, Truth, angular_error_deg
 from evsdr.limits.bound import Limit
 
-KNOWN_DEG, KNOWN = (
-    10.0,
-    0.1,
-)  # limits up to which a pixel counts: where errors are small, and add up to root mean squares
+# Limits up to which a pixel counts: where errors are small, and add up to root mean squares
+KNOWN_DEG, KNOWN = 10.0, 0.1
 # Medians of |error| / standard deviation: of Gaussian errors, and of the angle of those in two dimensions
 HALF, HALF_ANGLE = 0.6745, np.sqrt(np.log(2))
 

@@ -9,9 +9,11 @@ import pytest
 
 import evsdr
 from evsdr.errors import InputError
-from evsdr.fitting.budget import AFTER, COST, plan, slowness, task_seconds
+from evsdr.fitting import budget
+from evsdr.fitting.budget import AFTER, COST, budget_of, plan, slowness, task_seconds
 from evsdr.fitting.settings import Settings, check_settings
 from evsdr.progress import silent
+from evsdr.records import Events, Recording, Schedule, Sensor
 from tests.conftest import REPOSITORY
 
 
@@ -27,6 +29,17 @@ def test_the_best_preset_that_fits_is_taken():
         assert budget.settings.preset == name and budget.expected_s == pytest.approx(seconds)
         assert planned(1.2 * seconds * 10, 10.0).settings.preset == name
     assert planned(0.01).settings.preset == "fast"
+
+
+def test_pixels_that_fire_count(monkeypatch):
+    monkeypatch.setattr(budget, "slowness", lambda: 1.0)
+    x, y, p = np.array([[1, 1, 3], [0, 0, 2], [0, 1, 1]])
+    events = Events(x.astype(np.uint16), y.astype(np.uint16), p.astype(np.int8), np.arange(3))
+    schedule = Schedule(np.arange(2, dtype=np.int32), 100.0, 1.0)
+    recording = Recording(events, Sensor(4, 3, 0.2, 0.2, 0.0), schedule, np.zeros(0), "a.h5")
+    found = budget_of(Settings(time_budget=100.0), recording, time.perf_counter())
+    assert found.expected_s == pytest.approx(COST["accurate"].seconds(2, 3), rel=1e-12)
+    assert budget_of(Settings(), recording, time.perf_counter()) is None
 
 
 def test_the_solver_ends_before_the_budget_does():

@@ -15,7 +15,7 @@ from evsdr.light.scene import load_scene
 from evsdr.light.tracing import trace_illumination
 from evsdr.page.document import page
 from evsdr.shape.traced import depth_of, masked_mesh
-from tests.support.chromium import READY, start_chromium
+from tests.support.chromium import open_page, start_chromium
 from tests.support.page_fits import HOSTILE, make_fit
 from tests.support.small_scene import camera, leds, scene
 
@@ -37,16 +37,7 @@ def fit():
 @pytest.fixture
 def opened(browser, fit, tmp_path):
     """Give the browser with the page of the small fit; nothing may be said on the console."""
-    return open_page(browser, tmp_path, fit.page())
-
-
-def open_page(browser, folder, text, **how):
-    (folder / "report.html").write_text(text, encoding="utf-8")
-    browser.messages.clear()
-    browser.open(folder / "report.html", READY, **how)
-    assert browser.messages == []
-    assert not browser.evaluate("document.getElementById('trouble').textContent")
-    return browser
+    return open_page(browser, tmp_path / "page.html", fit.page())
 
 
 def press(browser, name):
@@ -169,7 +160,7 @@ def rendered(browser, tmp_path):
     geometry, _ = camera_geometry(ring.sensor)
     depth = depth_of(maps, maps.mask, geometry, object_depth(ring))
     depth = replace(depth, depth=object_depth(ring).astype(float))
-    open_page(browser, tmp_path, page(maps, {"verdict": "trustworthy"}, depth=depth))
+    open_page(browser, tmp_path / "page.html", page(maps, {"verdict": "trustworthy"}, depth=depth))
     return browser, ring, image, maps
 
 
@@ -258,7 +249,7 @@ def test_dragging_moves_the_lamp_and_a_click_chooses_a_pixel(opened):
 
 
 def test_a_finger_moves_the_lamp(browser, fit, tmp_path):
-    open_page(browser, tmp_path, fit.page(), size=PHONE, phone=True)
+    open_page(browser, tmp_path / "page.html", fit.page(), size=PHONE, phone=True)
     browser.send("Emulation.setTouchEmulationEnabled", enabled=True)
     try:
         left, top, width, height = frame_box(browser)
@@ -387,7 +378,7 @@ def test_a_file_that_is_none_is_refused_in_words(opened, tmp_path):
     ("size", "phone", "dark"), [(DESK, False, False), (DESK, False, True), (PHONE, True, False)]
 )
 def test_nothing_sticks_out(browser, fit, tmp_path, size, phone, dark):
-    open_page(browser, tmp_path, fit.page(), size=size, phone=phone, dark=dark)
+    open_page(browser, tmp_path / "page.html", fit.page(), size=size, phone=phone, dark=dark)
     for tab in ("light", "maps", "shape", "compare"):
         press(browser, f"tab-{tab}")
         assert browser.evaluate("document.documentElement.scrollWidth") <= size[0]
@@ -405,13 +396,17 @@ def test_print_is_a_few_pages(opened, tmp_path):
 
 
 def test_hostile_texts_do_nothing(browser, fit, tmp_path):
-    open_page(browser, tmp_path, fit.page(events=HOSTILE, warnings=[HOSTILE], model={HOSTILE: HOSTILE}))
+    open_page(
+        browser,
+        tmp_path / "page.html",
+        fit.page(events=HOSTILE, warnings=[HOSTILE], model={HOSTILE: HOSTILE}),
+    )
     assert browser.evaluate("window.hacked") is None
     assert browser.evaluate("document.scripts.length") == 2
 
 
 def test_a_page_without_depth_and_signals(browser, fit, tmp_path):
-    open_page(browser, tmp_path, page(fit.maps, fit.summary))
+    open_page(browser, tmp_path / "page.html", page(fit.maps, fit.summary))
     for tab in ("maps", "shape", "compare", "light"):
         press(browser, f"tab-{tab}")
     assert browser.evaluate("document.getElementById('distance').disabled")
@@ -421,7 +416,11 @@ def test_a_page_without_depth_and_signals(browser, fit, tmp_path):
 
 def test_a_page_of_nothing_known(browser, fit, tmp_path):
     nothing = np.zeros_like(fit.maps.mask)
-    open_page(browser, tmp_path, page(replace(fit.maps, mask=nothing, mask_reflectance=nothing), fit.summary))
+    open_page(
+        browser,
+        tmp_path / "page.html",
+        page(replace(fit.maps, mask=nothing, mask_reflectance=nothing), fit.summary),
+    )
     for tab in ("maps", "shape", "compare", "light"):
         press(browser, f"tab-{tab}")
     assert browser.messages == []

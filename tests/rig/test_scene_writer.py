@@ -23,9 +23,7 @@ RIGS = {
 }
 
 
-@pytest.mark.parametrize(
-    "rig", [*list(RIGS)[:2], pytest.param("ring24_soft.xml", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("rig", [*list(RIGS)[:2], pytest.param("ring24_soft.xml", marks=pytest.mark.slow)])
 def test_signals_are_those_of_the_scenes_by_hand(tmp_path, rig):
     for name in (rig, "camera.xml"):
         shutil.copy(SCENES / name, tmp_path)

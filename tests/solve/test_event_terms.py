@@ -6,7 +6,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.solve.event_terms import SLOWEST, normal_equations
+from evsdr.solve.event_terms import normal_equations
+from evsdr.solve.law import SLOWEST
 from tests.support.random_pairs import C_W, N_BAND, N_PIXEL, ORDER, ROBUST, SCALE, N, Scene, derivative
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from evsdr.events.pairs import pair_events
 from evsdr.model.lambert import LambertianRing
-from evsdr.solve import event_terms, law, silence_terms
+from evsdr.solve import law, silence_terms
 from evsdr.solve.event_terms import normal_equations
 from evsdr.solve.loss import derivative_table, relative_residual
 from evsdr.solve.pair_data import signal_table
@@ -84,7 +84,7 @@ def test_scores_vanish_at_the_truth_and_scatter_as_the_information_says(noise, m
     """
     monkeypatch.setattr(law, "SHARE", 1e-6)
     monkeypatch.setattr(silence_terms, "JITTER", 0.02)
-    monkeypatch.setattr(event_terms, "SLOWEST", 3e-3)
+    monkeypatch.setattr(law, "SLOWEST", 3e-3)
     n_same, n = 1500, 2 + 8 + 2
     few = np.array([[0.3, 0.2, 1], [-0.8, 0.1, 1], [0.5, -0.9, 1]])
     normal = np.repeat(few / np.linalg.norm(few, axis=1, keepdims=True), n_same, axis=0).reshape(3, n_same, 3)

@@ -171,6 +171,16 @@ def _above_four(end: int) -> int:
     return copy
 
 
+def open_page(browser: Chromium, path: Path, text: str, **how) -> Chromium:
+    """Write a page and open it; nothing may be said on the console, nor on the page of trouble."""
+    path.write_text(text, encoding="utf-8")
+    browser.messages.clear()
+    browser.open(path, READY, **how)
+    assert browser.messages == []
+    assert not browser.evaluate("document.getElementById('trouble').textContent")
+    return browser
+
+
 def start_chromium() -> Chromium:
     """Start the browser; skip the test where there is none."""
     program = next(filter(None, map(shutil.which, NAMES)), None)

@@ -10,7 +10,7 @@ from evsdr.records import Signals
 from evsdr.viewing.checks import examine
 from evsdr.viewing.document import page
 from evsdr.viewing.look import look_at
-from tests.support.chromium import READY, start_chromium
+from tests.support.chromium import open_page, start_chromium
 from tests.support.watched_files import CONSTANT_LIGHT, N_LED, ball_signal, lamp_recording, recorded, watched
 
 
@@ -30,15 +30,6 @@ def page_of(look):
     return page(look, examine(look), "python -m evsdr.view ball.h5", "2026-01-02 03:04")
 
 
-def open_page(browser, folder, text, **how):
-    (folder / "view.html").write_text(text, encoding="utf-8")
-    browser.messages.clear()
-    browser.open(folder / "view.html", READY, **how)
-    assert browser.messages == []
-    assert not browser.evaluate("document.getElementById('trouble').textContent")
-    return browser
-
-
 def modelled(look):
     """Give a look with a fit that knows the true light of every third pixel."""
     light = ball_signal().reshape(N_LED, -1).T + CONSTANT_LIGHT
@@ -56,7 +47,7 @@ def modelled(look):
 
 def test_a_pixel_shows_its_events(browser, recording, tmp_path):
     look, light = modelled(look_at(watched(recording)))
-    open_page(browser, tmp_path, page_of(look))
+    open_page(browser, tmp_path / "page.html", page_of(look))
     events, (y, x) = recording.events, (8, 8)  # 8 * 20 + 8 is a multiple of three
     mine = (events.x == x) & (events.y == y)
     shown = browser.evaluate(f"evsdr.course({x}, {y})")
@@ -75,7 +66,7 @@ def test_a_pixel_shows_its_events(browser, recording, tmp_path):
 
 
 def test_pictures_count_events(browser, recording, tmp_path):
-    open_page(browser, tmp_path, page_of(look_at(watched(recording))))
+    open_page(browser, tmp_path / "page.html", page_of(look_at(watched(recording))))
     view = browser.evaluate("({on: Array.from(evsdr.view.on), slots: evsdr.view.schedule.on})")
     events = recording.events
     on = events.p == 1
@@ -94,7 +85,7 @@ def test_pictures_count_events(browser, recording, tmp_path):
 
 def test_pixels_without_stored_events_show_their_neighbours(browser, recording, tmp_path):
     look = look_at(watched(recording))
-    open_page(browser, tmp_path, page(look, examine(look), most_events=800))
+    open_page(browser, tmp_path / "page.html", page(look, examine(look), most_events=800))
     stride = browser.evaluate("evsdr.view.stride")
     counts = np.reshape(browser.evaluate("evsdr.slot(3)"), (20, 20))
     assert stride > 1 and counts.any()
@@ -104,7 +95,7 @@ def test_pixels_without_stored_events_show_their_neighbours(browser, recording, 
 
 
 def test_a_click_chooses_a_pixel_and_keys_move_it(browser, recording, tmp_path):
-    open_page(browser, tmp_path, page_of(look_at(watched(recording))))
+    open_page(browser, tmp_path / "page.html", page_of(look_at(watched(recording))))
     left, top, width, height = browser.evaluate(
         "(() => { const f = document.getElementById('frame'); f.scrollIntoView({block: 'center'});"
         " const b = f.getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; })()"
@@ -122,7 +113,7 @@ def test_a_click_chooses_a_pixel_and_keys_move_it(browser, recording, tmp_path):
 
 def test_everything_that_acts_has_a_name(browser, tmp_path):
     text = page_of(look_at(watched(lamp_recording(100.0))))
-    open_page(browser, tmp_path, text, size=(390, 844), phone=True, dark=True)
+    open_page(browser, tmp_path / "page.html", text, size=(390, 844), phone=True, dark=True)
     assert browser.evaluate("document.documentElement.scrollWidth") <= 390
     for node in browser.send("Accessibility.getFullAXTree")["nodes"]:
         acting = {"button", "spinbutton", "combobox", "application", "img"}
@@ -132,14 +123,14 @@ def test_everything_that_acts_has_a_name(browser, tmp_path):
 
 def test_hostile_names_do_nothing(browser, recording, tmp_path):
     file = replace(watched(recording), path=tmp_path / "<img src=x onerror='hacked = 1'>.h5")
-    open_page(browser, tmp_path, page_of(look_at(file)))
+    open_page(browser, tmp_path / "page.html", page_of(look_at(file)))
     assert browser.evaluate("typeof hacked") == "undefined"
     assert browser.evaluate("document.querySelector('h1').textContent").startswith("<img src=x")
 
 
 def test_without_a_schedule(browser, recording, tmp_path):
     file = replace(watched(recording), schedule=None)
-    open_page(browser, tmp_path, page_of(look_at(file)))
+    open_page(browser, tmp_path / "page.html", page_of(look_at(file)))
     hidden = "['slots-figure', 'folded-figure'].every((id) => document.getElementById(id).hidden)"
     assert browser.evaluate(hidden)
     assert browser.evaluate("document.querySelectorAll('#course polyline').length") == 1

@@ -18,12 +18,10 @@ from numba import njit
 
 from evsdr.events.lead import kept, lead_of, poles_of
 from evsdr.events.receptor import MOST_NODES, follow, late_at, light_at, phase_at, shown_at
-from evsdr.solve.law import GAUSS, SHARE, STUDENT
+from evsdr.solve.law import GAUSS, SHARE, SLOWEST, STUDENT
 from evsdr.solve.shared.rig import N_TIMING
 from evsdr.threads import N_CHUNK, in_chunks
 
-# Of a threshold per slot: v that is slower, or has the wrong sign, counts as nearly this; guessed
-SLOWEST = 0.08
 FAR = 5.0  # standard deviations of a threshold within which silence says nothing
 TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, POLE, ON, OFF = range(9)  # columns after those of the LEDs
 STIRRED = TAU, DARK, NOISE, POLE  # by which derivatives are differences

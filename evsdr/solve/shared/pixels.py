@@ -26,10 +26,8 @@ from evsdr.solve.unknowns import to_normal
 FEWEST_EVENTS = 20  # of a pixel that tells
 CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more may be wrong
 FEW = 1e-3  # of the events, that may come sooner: noise
-USUAL_DARK, LEAST_DARK = (
-    0.05,
-    1e-9,
-)  # C_w that times of photoreceptors are made for; of which 0 counts as the other
+# C_w that times of photoreceptors are made for, and what a C_w of 0 counts as
+USUAL_DARK, LEAST_DARK = 0.05, 1e-9
 STEPS = {"tau": 1e-5, "dark": 1e-4, "noise": 1e-5, "pole": 1e-2}  # for derivatives
 
 
