@@ -10,21 +10,19 @@ import tyro
 from evsdr.commands.console import print_table, run_command
 from evsdr.errors import InputWarning
 
-Format = Literal["envi", "openlime", "gltf", "tiff", "csv"]
+Format = Literal["envi", "openlime", "gltf", "tiff", "colmap", "csv"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Hand the results of a fit on to other programs. Bands are in the order of their wavelengths.
-
-    There is no COLMAP model: what a single camera sees from one place has no tracks; `csv` and `gltf` hold its points.
-    """
+    """Hand the results of a fit on to other programs. Bands are in the order of their wavelengths."""
 
     results: tyro.conf.Positional[Path]
     """Folder that a fit wrote."""
     to: Format
     """envi: cubes of reflectance and its sigma; openlime: pictures and info.json for OpenLIME; gltf: the surface with
-    colour and normal map, .glb; tiff: a float TIFF of each map; csv: a line for each known pixel."""
+    colour and normal map, .glb; tiff: a float TIFF of each map; colmap: a dense workspace for a
+    perspective camera: its model, depth and normals; csv: a line for each known pixel."""
     out: Path | None = None
     """Folder to write to; by default one of the format's name in that of the results."""
     unit: Literal["um", "mm", "cm", "m"] | None = None
@@ -38,6 +36,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(options: Options) -> None:
     """Read, write, print what was written."""
+    from evsdr.exports.colmap import write_colmap
     from evsdr.exports.envi import write_envi
     from evsdr.exports.gltf import write_gltf
     from evsdr.exports.openlime import write_openlime
@@ -51,6 +50,7 @@ def command(options: Options) -> None:
         "openlime": write_openlime,
         "gltf": write_gltf,
         "tiff": write_tiff,
+        "colmap": write_colmap,
         "csv": write_csv,
     }
     source = read_source(options.results, options.unit)
@@ -60,5 +60,6 @@ def command(options: Options) -> None:
     out = options.out or options.results / options.to
     with atomic_folder(out) as temporary:
         writers[options.to](temporary, source)
-        rows = [(file.name, f"{file.stat().st_size:,} bytes") for file in sorted(temporary.iterdir())]
+        files = sorted(file for file in temporary.rglob("*") if file.is_file())
+        rows = [(str(file.relative_to(temporary)), f"{file.stat().st_size:,} bytes") for file in files]
     print_table(str(out), rows)

@@ -31,6 +31,10 @@ class Source:
         mm, or `scene` where nobody tells how long the scene's unit is.
     pixel_mm : float or None
         Width of a pixel on the object [mm], where all have the same and the unit is known.
+    camera : CameraGeometry
+        Where the pixels look; sizes in the scene's unit.
+    to_world : (4, 4) float64
+        From the camera frame to the world [`unit`].
     """
 
     maps: Maps
@@ -38,6 +42,8 @@ class Source:
     face: np.ndarray
     unit: str
     pixel_mm: float | None
+    camera: CameraGeometry
+    to_world: np.ndarray
 
 
 def read_source(folder: Path, unit: str | None = None) -> Source:
@@ -65,14 +71,20 @@ def read_source(folder: Path, unit: str | None = None) -> Source:
         raise older
     try:
         camera = _camera(summary["camera"])
+        to_world = np.array(summary["camera"]["to_world"], float)
         length = MILLIMETRES.get(unit or summary["unit"])
         depth = OpenEXR.File(str(folder / "depth.exr")).channels()["Z"].pixels.astype(float)
         face = np.asarray(trimesh.load(folder / "mesh.ply", process=False).faces, int)
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise older from error
-    if depth.shape != maps.mask.shape or face.max(initial=0) >= np.count_nonzero(maps.mask):
+    if (
+        to_world.shape != (4, 4)
+        or depth.shape != maps.mask.shape
+        or face.max(initial=0) >= np.count_nonzero(maps.mask)
+    ):
         raise older
     points = np.where(maps.mask[..., None], camera.points(depth) * (length or 1), 0)
+    to_world[:3, 3] *= length or 1
     flat = length and not camera.perspective
     return Source(
         _sorted(maps),
@@ -80,6 +92,8 @@ def read_source(folder: Path, unit: str | None = None) -> Source:
         face,
         "mm" if length else "scene",
         camera.pixel_size[0] * length if flat else None,
+        camera,
+        to_world,
     )
 
 

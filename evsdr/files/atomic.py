@@ -92,12 +92,13 @@ def atomic_folder(folder: str | Path, seal: str | None = None) -> Iterator[Path]
 
 
 def _move(temporary: Path, folder: Path, seal: str | None) -> None:
-    """Move all files, that of the seal last; the old one goes before."""
-    files = sorted(temporary.iterdir(), key=lambda file: (file.name == seal, file.name))
+    """Move all files, those of its folders too, that of the seal last; the old one goes before."""
+    names = [file.relative_to(temporary) for file in temporary.rglob("*") if file.is_file()]
     if seal:
         (folder / seal).unlink(missing_ok=True)
-    for file in files:
-        os.replace(file, folder / file.name)
+    for name in sorted(names, key=lambda name: (str(name) == seal, name)):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        os.replace(temporary / name, folder / name)
 
 
 @contextmanager

@@ -77,6 +77,10 @@ def test_what_is_no_fit_is_refused(commands, results):
     assert "depth.exr: this is not the file" in commands.refused(main, results, "--to", "envi")
 
 
+def test_a_workspace_of_colmap_needs_perspective(commands, results):
+    assert "orthographic" in commands.refused(main, results, "--to", "colmap")
+
+
 def test_a_missing_library_leaves_nothing(commands, results, monkeypatch):
     monkeypatch.setitem(sys.modules, "tifffile", None)
     sentence = commands.refused(main, results, "--to", "tiff")
