@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from evsdr.integrators.emission import recurrence, toward_led
 from evsdr.integrators.leds import Leds
 from evsdr.integrators.rays import fineness, spawn, spawn_to
 
-SEQUENCE = 0.7548776662466927, 0.5698402909980532  # additive recurrence of low discrepancy in the unit square
+ON_LEDS = 0.8191725133961645, 0.6710436067037893  # of that in three dimensions: for the samples on LEDs
 NEAR_ENOUGH = 3.0  # pixels between a point that a ray hits and what the camera sees there
 
 
@@ -76,15 +77,15 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
     weight = [mi.Spectrum(w) for w in leds.weight.tolist()]
     context = mi.BSDFContext()
     generator = mi.PCG32(size=n_pixel, initstate=dr.opaque(mi.UInt64, seed))
-    shift = mi.Point2f(generator.next_float32(), generator.next_float32())
+    shift, on_leds = (mi.Point2f(generator.next_float32(), generator.next_float32()) for _ in range(2))
     front = dr.mulsign(surface.place.n, dr.dot(surface.place.n, surface.place.to_world(surface.place.wi)))
     seen_at = dr.select(surface.known, surface.place.p, mi.Point3f(dr.inf))
     skip = dr.opaque(mi.Float, skip)
-    dr.eval(frame, shift, signal, front, seen_at, mean)
+    dr.eval(frame, shift, on_leds, signal, front, seen_at, mean)
 
     def body(k, *total):
-        place = shift + mi.Float(k) * mi.Point2f(*SEQUENCE)
-        local = mi.warp.square_to_cosine_hemisphere(place - dr.floor(place))
+        local = mi.warp.square_to_cosine_hemisphere(recurrence(shift, k))
+        sample = recurrence(on_leds, k, ON_LEDS)
         ray = spawn(surface.place, frame.to_world(local), fine)
         ray.o += skip * ray.d
         # fitted normals can look below the geometry's horizon
@@ -101,7 +102,7 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
         out = []
         for j, sent in enumerate(total):
             si.wavelengths = node[leds.band[j]]
-            ds, geometry = _toward(leds, j, si, lit)
+            ds, geometry = toward_led(leds, j, si, sample, lit)
             reflected = bsdf.eval(context, si, si.to_local(ds.d), lit & ~own)
             f_cos = dr.sum(reflected * weight[leds.band[j]]) * dr.pi
             of_mean = mean[leds.band[j]] * dr.maximum(dr.dot(facing, ds.d), 0.0)
@@ -122,14 +123,6 @@ def _mean_reflectance(surface: Surface) -> list:
     count = max(int(dr.count(surface.known)[0]), 1)
     mean = [float(dr.sum(dr.select(surface.known, r, 0.0))[0]) / count for r in surface.reflectance]
     return [dr.opaque(mi.Float, m) for m in mean]
-
-
-def _toward(leds: Leds, j: int, si, active):
-    """Sample the middle of LED j as seen from a point: direction and fall-off."""
-    at_peak = type(si)(si)
-    at_peak.wavelengths = mi.Spectrum(float(leds.peak_nm[j]))
-    ds, arriving = leds.emitter[j].sample_direction(at_peak, mi.Point2f(0.5), active)
-    return ds, dr.select(active, arriving[0] / float(leds.peak[j]), 0.0)
 
 
 def pixel_finder(width: int, height: int, pixel_size, center, perspective: bool, to_world: np.ndarray):

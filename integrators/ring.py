@@ -40,13 +40,16 @@ the textures, as these lie on the image. An LED whose spectrum changes its shape
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from evsdr.integrators.leds import Leds, emitter_id, find_leds, power_factor
+from evsdr.integrators.emission import largest_spread, mean_vectors, recurrence, toward_led, with_surface
+from evsdr.integrators.leds import Leds, find_leds, power_factor
 from evsdr.integrators.rays import fineness, spawn, spawn_to
 from evsdr.integrators.values import is_of_led, is_of_scene, values_of
 
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import led_signals
 from evsdr.model.view import MILLIMETRES
+
+SEQUENCE_OF_SHIFTS = 7  # of random numbers: another than that of the camera's rays
 
 
 class RingIntegrator(mi.SamplingIntegrator):
@@ -135,15 +138,17 @@ class RingIntegrator(mi.SamplingIntegrator):
         list of mi.Float, (n_led) of width H * W
             Signals without the constant light.
         """
-        leds, fine = self.leds(scene), fineness(scene)
+        leds, fine, shift = self.leds(scene), fineness(scene), pixel_shift(sensor, seed)
+        wide = len(with_surface(leds)) > 0
 
-        def measure(si, ray, rng, active):
-            return self._path_signals(scene, leds, fine, si, ray, rng, active)
+        def measure(s, si, ray, rng, active):
+            first = recurrence(shift, s) if wide else None
+            return self._path_signals(scene, leds, fine, si, ray, rng, active, first)
 
         return pixel_mean(scene, sensor, spp, seed, leds.n_led, measure)
 
-    def _path_signals(self, scene, leds, fine, si, ray, rng, active):
-        """Signals of one camera ray: at every surface point of its path each LED is sampled."""
+    def _path_signals(self, scene, leds, fine, si, ray, rng, active, first):
+        """Signals of one camera ray: at every surface point of its path each LED is sampled, at `first` from the first."""
         context = mi.BSDFContext()
         node = [mi.Spectrum(n) for n in leds.node_nm.tolist()]
         signal = [mi.Float(0.0) for _ in range(leds.n_led)]
@@ -154,6 +159,7 @@ class RingIntegrator(mi.SamplingIntegrator):
         for depth in range(self.max_depth):
             bsdf = si.bsdf(ray)
             sample = mi.Point2f(rng.next_float32(), rng.next_float32())
+            sample = first if first is not None and depth == 0 else sample
 
             # Light: the same for all wavelengths of an LED but for its spectrum, which the weights hold.
             for j in range(leds.n_led):
@@ -204,32 +210,38 @@ class RingIntegrator(mi.SamplingIntegrator):
         """
         leds = self.leds(scene)
         frame = camera_frame(sensor)
-        far = [leds.is_far(j) for j in range(leds.n_led)]
+        far, wide = [leds.is_far(j) for j in range(leds.n_led)], with_surface(leds)
         target = find_object(scene)
         free = dr.opaque(mi.Float, skip) if skip > 0 else None  # no kernel holds its length
-        fine = fineness(scene)
+        fine, shift = fineness(scene), pixel_shift(sensor, seed)
 
-        def measure(si, ray, rng, active):
+        def measure(s, si, ray, rng, active):
             active = active & si.is_valid() & (si.shape == target)
             sample = mi.Point2f(rng.next_float32(), rng.next_float32())
+            sample = recurrence(shift, s) if wide else sample
             values = [dr.select(active, mi.Float(1.0), 0.0)]
+            values += list(dr.select(active, si.p, mi.Point3f(0.0))) if wide else []
             for j in range(leds.n_led):
-                if far[j] and not shadows:
+                if not shadows and (far[j] or j in wide):
                     continue
                 ds, geometry = toward_led(leds, j, si, sample, active)
                 if shadows:
                     # what faces away from an LED is dark by its normal: it counts for no shadow
                     facing = dr.select(active, dr.maximum(dr.dot(si.sh_frame.n, ds.d), 0.0), 0.0)
+                    facing *= geometry if j in wide else 1.0  # samples of a surface do not count alike
                     lit = visible(scene, si, ds, active & (facing > 0), fine, free, far[j])
                     values += [dr.select(lit, facing, 0.0), facing]
-                if not far[j]:
-                    arriving = rotate(frame, mean_vector(leds, j, si, active))
+                if not far[j] and j not in wide:
+                    arriving = rotate(frame, geometry * ds.d)
                     values += [norm(arriving), *arriving]
             return values
 
-        n_value = 1 + sum((2 if shadows else 0) + (0 if f else 4) for f in far)
+        n_value = 1 + 3 * bool(wide) + 2 * shadows * leds.n_led + 4 * (far.count(False) - len(wide))
         coverage, *value = pixel_mean(scene, sensor, spp, seed, n_value, measure)
         value = iter(dr.select(coverage > 0, v / dr.maximum(coverage, 1e-6), 0.0) for v in value)
+        place = mi.Point3f(next(value), next(value), next(value)) if wide else None
+        vectors = dict(zip(wide, mean_vectors(leds, wide, place))) if wide else {}
+        vectors = {j: dr.select(coverage > 0, v, mi.Vector3f(0.0)) for j, v in vectors.items()}
         direction, irradiance = [], []
         for j, power in enumerate(leds.power.tolist()):
             visibility = mi.Float(1.0)
@@ -238,21 +250,17 @@ class RingIntegrator(mi.SamplingIntegrator):
                 elsewhere = dr.select(coverage > 0, mi.Float(1.0), 0.0)
                 visibility = dr.select(facing > 0, lit / dr.maximum(facing, 1e-20), elsewhere)
             if far[j]:
-                nowhere = dr.zeros(mi.SurfaceInteraction3f)
-                ds, geometry = toward_led(leds, j, nowhere, mi.Point2f(0.5), mi.Bool(True))
-                if dr.grad_enabled(ds.d):
-                    direction.append(rotate(frame, ds.d))
-                else:
-                    direction.append(mi.Vector3f(*(frame @ np.array(ds.d, float).ravel()).tolist()))
-                irradiance.append(power * geometry * visibility)
+                toward, level = far_light(leds, j, frame)
+            elif j in wide:
+                level, toward = norm(vectors[j]), unit(rotate(frame, vectors[j]))
             else:
-                irradiance.append(power * next(value) * visibility)
-                d = mi.Vector3f(next(value), next(value), next(value))
-                length = norm(d)
-                direction.append(dr.select(length > 0, d / dr.maximum(length, 1e-20), mi.Vector3f(0, 0, 1)))
+                level, toward = next(value), unit(mi.Vector3f(next(value), next(value), next(value)))
+            direction.append(toward)
+            irradiance.append(power * level * visibility)
             if dr.grad_enabled(irradiance[-1]):
                 irradiance[-1] *= power_factor(scene, leds, j, self.response)
-        bands, spread = [int(b) for b in leds.band], largest_spread(leds, scene)
+        middle = next(s for s in scene.shapes() if s.id() == "object").bbox().center()
+        bands, spread = [int(b) for b in leds.band], largest_spread(leds, middle)
         return Illumination(direction, irradiance, bands, self.constant_light, None, spread), coverage
 
     def _textured_signals(self, scene, sensor, spp, seed):
@@ -290,53 +298,24 @@ class RingIntegrator(mi.SamplingIntegrator):
 # ---------------------------------------------------------------------- building blocks
 
 
-def toward_led(leds: Leds, j: int, si, sample, active):
-    """Sample LED j as seen from a surface point, nothing in between.
-
-    Returns
-    -------
-    ds : mi.DirectionSample3f
-        Direction to the LED, in the world.
-    geometry : mi.Float
-        Fall-off g: what arrives, relative to the LED's spectrum.
-    """
-    at_peak = type(si)(si)
-    at_peak.wavelengths = mi.Spectrum(float(leds.peak_nm[j]))
-    ds, arriving = leds.emitter[j].sample_direction(at_peak, sample, active)
-    return ds, dr.select(active, arriving[0] / float(leds.peak[j]), 0.0)
+def far_light(leds: Leds, j: int, frame: np.ndarray) -> tuple[mi.Vector3f, mi.Float]:
+    """Give direction (camera frame) and fall-off of an LED that is far: the same everywhere."""
+    ds, geometry = toward_led(leds, j, dr.zeros(mi.SurfaceInteraction3f), mi.Point2f(0.5), mi.Bool(True))
+    if dr.grad_enabled(ds.d):
+        return rotate(frame, ds.d), geometry
+    return mi.Vector3f(*(frame @ np.array(ds.d, float).ravel()).tolist()), geometry
 
 
-def mean_vector(leds: Leds, j: int, si, active) -> mi.Vector3f:
-    """Average g d, fall-off times direction, over the area of LED j, nothing in between.
-
-    Four Gauss points: on a rectangle exact for polynomials of degree 3.
-    """
-    coordinate = [0.5] if leds.emitter[j].get_shape() is None else [0.5 - 12**-0.5, 0.5 + 12**-0.5]
-    total = mi.Vector3f(0.0)
-    for u in coordinate:
-        for v in coordinate:
-            ds, geometry = toward_led(leds, j, si, mi.Point2f(u, v), active)
-            total += geometry * ds.d
-    return total / len(coordinate) ** 2
+def unit(v: mi.Vector3f) -> mi.Vector3f:
+    """Give a vector's direction; that of no light is toward the camera."""
+    length = norm(v)
+    return dr.select(length > 0, v / dr.maximum(length, 1e-20), mi.Vector3f(0, 0, 1))
 
 
 def norm(v) -> mi.Float:
     """Give the length of a vector; where it is 0, so is its derivative."""
     square = dr.squared_norm(v)
     return dr.select(square > 0, dr.sqrt(dr.select(square > 0, square, 1.0)), 0.0)
-
-
-def largest_spread(leds: Leds, scene: mi.Scene) -> float:
-    """Give the standard deviation of the direction to a point of the widest LED [rad], seen from the object."""
-    place = next(s for s in scene.shapes() if s.id() == "object").bbox().center()
-    shapes = {emitter_id(e): e.get_shape() for e in scene.emitters() if e.get_shape() is not None}
-    spreads = [
-        (float(shape.surface_area()[0]) / 12) ** 0.5
-        / max(float(dr.norm(shape.bbox().center() - place)), 1e-6)
-        for name, shape in shapes.items()
-        if name.startswith("led")
-    ]
-    return max(spreads, default=0.0)
 
 
 def seen(leds: Leds, j: int, si, active) -> mi.Float:
@@ -365,8 +344,8 @@ def pixel_mean(scene, sensor, spp, seed, n_value, measure) -> list[mi.Float]:
 
     Parameters
     ----------
-    measure : callable (si, ray, rng, active) -> list of mi.Float
-        What to average, of length n_value, from the first surface point that a camera ray meets.
+    measure : callable (s, si, ray, rng, active) -> list of mi.Float
+        What to average, of length n_value, from the first surface point that ray s of a pixel meets.
 
     Returns
     -------
@@ -391,7 +370,7 @@ def pixel_mean(scene, sensor, spp, seed, n_value, measure) -> list[mi.Float]:
         position = (corner + offset) / mi.Vector2f(width, height)
         ray, _ = sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
         si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True)
-        return measure(si, ray, rng, mi.Bool(True))
+        return measure(s, si, ray, rng, mi.Bool(True))
 
     if spp == 1:
         return one(mi.UInt32(0), rng)
@@ -405,6 +384,15 @@ def pixel_mean(scene, sensor, spp, seed, n_value, measure) -> list[mi.Float]:
         (mi.UInt32(0), rng, *zero), lambda s, *_: s < spp, body, label="pixel samples", max_iterations=-1
     )
     return [total / spp for total in state[2:]]
+
+
+def pixel_shift(sensor, seed) -> mi.Point2f:
+    """Give a random point of the unit square for each pixel, from which samples of LEDs go on, ray by ray."""
+    seed = mi.UInt64(seed)
+    dr.make_opaque(seed)
+    width, height = sensor.film().crop_size()
+    rng = mi.PCG32(size=int(width * height), initstate=seed, initseq=mi.UInt64(SEQUENCE_OF_SHIFTS))
+    return mi.Point2f(rng.next_float32(), rng.next_float32())
 
 
 def camera_frame(sensor) -> np.ndarray:

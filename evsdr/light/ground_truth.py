@@ -63,7 +63,7 @@ def surface_maps(ring: RingScene, spp: int, seed: int = 0) -> Maps:
     nodes, weights = _fine_quadrature(leds)
     target = find_object(ring.scene)
 
-    def measure(si, ray, rng, active):
+    def measure(s, si, ray, rng, active):
         active = active & si.is_valid() & (si.shape == target)
         normal = rotate(frame, dr.mulsign(si.sh_frame.n, si.wi.z))
         bsdf = si.bsdf(ray)

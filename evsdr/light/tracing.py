@@ -6,8 +6,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from evsdr.integrators.emission import mean_vectors
 from evsdr.integrators.gather import Surface, gather, pixel_finder
-from evsdr.integrators.ring import camera_frame, find_object, mean_vector, rotate
+from evsdr.integrators.ring import camera_frame, find_object, rotate
 from evsdr.light.camera import camera_geometry
 from evsdr.light.ground_truth import _central
 from evsdr.light.scene import RingScene
@@ -112,9 +113,7 @@ def trace_indirect(
 
 def light_at_centre(ring: RingScene) -> np.ndarray:
     """Give the light vectors (n_led, 3) at the centre of the object, in the camera frame."""
-    si = dr.zeros(mi.SurfaceInteraction3f)
     box = next(s for s in ring.scene.shapes() if s.id() == "object").bbox()
-    si.p = 0.5 * (box.min + box.max)
-    frame = camera_frame(ring.sensor)
-    vectors = [rotate(frame, mean_vector(ring.leds, j, si, mi.Bool(True))) for j in range(ring.leds.n_led)]
+    place, frame = mi.Point3f(0.5 * (box.min + box.max)), camera_frame(ring.sensor)
+    vectors = [rotate(frame, v) for v in mean_vectors(ring.leds, range(ring.leds.n_led), place)]
     return ring.leds.power[:, None] * np.array([np.array(v, float).ravel() for v in vectors])
