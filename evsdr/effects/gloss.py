@@ -79,6 +79,8 @@ class GlossyLobes:
         before = world.decisions.get(self.name)
         if before and not before.modelled:
             return None
+        if world.metal is not None:
+            return Decision(self.name, False, "not looked for on metal")
         if world.terms.solver == "adam":
             return Decision(self.name, False, "angular gate, as published")
         if asked == "off":

@@ -7,34 +7,21 @@ takes it up (slopes within a pixel, borders of shadows): gloss must explain even
 """
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import drjit as dr
 import numpy as np
 
+from evsdr.effects.sample import Sample, gained
 from evsdr.metrics import angular_error_deg
-from evsdr.model.arrays import columns, owned
+from evsdr.model.arrays import owned
 from evsdr.model.gloss import GlossyRing, RoughCoating
 from evsdr.model.illumination import Illumination
-from evsdr.model.lambert import LambertianRing
-from evsdr.solve.grid import lonely_grid
-from evsdr.solve.levenberg import descend, evaluate
-from evsdr.solve.loop import data_of, start_of
-from evsdr.solve.pair_data import thin
 from evsdr.solve.problem import Problem
-from evsdr.solve.solution import Data
-from evsdr.solve.stages import Terms
-from evsdr.solve.system import PixelSystem, system_of
 from evsdr.solve.unknowns import to_normal
 
-N_SAMPLE, MAX_PAIRS = 400, 256  # pixels that stand for all of a kind, and pairs of each
-ROBUST = 3.0  # width of the Cauchy cost in standard deviations
-TERMS = Terms(density=True, silence=False)
-N_STEP, TOLERANCE = 8, 0.01  # of a descent under a lobe, see `levenberg.descend`
+N_SAMPLE = 400  # pixels that stand for all of a kind
 STRENGTHS = (0.05, 0.2, 0.8)  # to start a search from; what is weaker hardly spoils normals
 SETTLED = 0.01  # change of log shape and log strength that ends the search
-HELD_BACK = 0.2  # share of a pixel's pairs, its last ones: about a round
-MOST_GAIN = 3.0  # in log likelihood that one pixel may have in the decision; guessed
 LEAST_Z = 3.0  # of gloss that is there; measured: matt scenes reach 0, a coating of a fifth of its strength 5
 NEAR_DEG = 25.0  # from a half vector: where a lobe shows
 KIND_SIGMA = np.array([0.5, 1.0])  # of log shape and log strength of the kinds of one scene
@@ -68,16 +55,12 @@ class Gloss:
 class GlossEvidence:
     """What events that are held back say of gloss.
 
-    By Vuong's test ("Likelihood ratio tests for model selection", Econometrica 1989), in which no pixel counts for
-    more than `MOST_GAIN`.
-
     Attributes
     ----------
     shape, strength : float
         Of the lobe that explains them best.
     z : float
-        What the lobe gains in log likelihood over a matt surface or the widest lobe, in standard deviations by its
-        scatter over the pixels.
+        What the lobe gains over a matt surface or the widest lobe, see `sample.gained`.
     error_deg : float
         Expected mean error of the normals if gloss is left out [deg].
     """
@@ -90,96 +73,6 @@ class GlossEvidence:
     def is_worth_modelling(self, least_deg: float = 0.1) -> bool:
         """Tell whether gloss is there, and spoils normals by more than `least_deg`."""
         return self.z > LEAST_Z and self.error_deg > least_deg
-
-
-@dataclass(frozen=True)
-class Sample:
-    """Pixels to be solved under lobes.
-
-    Attributes
-    ----------
-    data : Data
-        Of these pixels, with a matt model.
-    kind : type
-        Of the lobes.
-    noise : float
-        Standard deviation of the relative residuals.
-    view : Array3f, optional
-        See `GlossyRing`.
-    spread : tuple of 4 float, optional
-        How unknown thresholds are distributed, see `start_of`.
-    """
-
-    data: Data
-    kind: type
-    noise: float
-    view: object
-    spread: tuple | None = None
-
-    @classmethod
-    def of(cls, problem: Problem, pixel: np.ndarray, kind: type, noise: float, spread=None) -> "Sample":
-        """Take pixels (n_pixel) of a problem, one of them as often as wanted."""
-        UInt32, view = type(problem.pairs.first), problem.view
-        index = owned(UInt32, pixel)
-        if view is not None and dr.width(view) > 1:
-            view = dr.gather(type(view), view, index)
-        light = problem.illumination.gather(index)
-        pairs, grid = thin(problem.pairs.at(index).events, MAX_PAIRS), lonely_grid(len(pixel), UInt32)
-        data = data_of(LambertianRing(light), pairs, light.constant_light, grid, ROBUST)
-        return cls(data, kind, noise, view, spread)
-
-    def solve(self, theta: np.ndarray, shape, strength) -> tuple[np.ndarray, np.ndarray]:
-        """Solve all pixels under lobes.
-
-        Parameters
-        ----------
-        theta : (n_pixel, n) float
-            Unknowns to start from.
-        shape, strength : float, or (n_pixel,) float
-            Of the lobes.
-
-        Returns
-        -------
-        cost : (n_pixel,) float64
-        theta : (n_pixel, n) float32
-        """
-        system, start = self._system(theta, shape, strength)
-        found, terms, *_ = descend(system, start, N_STEP, TOLERANCE)
-        return _numbers(terms[0]), np.stack([t.numpy() for t in found], axis=-1)
-
-    def hold_back(self, theta: np.ndarray, shape, strength) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Solve all pixels as `solve`, but without the pairs held back; gives what these then cost (n_pixel) too.
-
-        Returns
-        -------
-        cost : (n_pixel,) float64
-            Of the other pairs.
-        cost_held : (n_pixel,) float64
-        theta : (n_pixel, n) float32
-        """
-        system, start = self._system(theta, shape, strength)
-        Float, count = type(self.data.constant_light), system.pairs.counts
-        number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        told = number < np.repeat((1 - HELD_BACK) * count, count)
-        part, whole = (
-            replace(system, pairs=replace(system.pairs, weight=owned(Float, weight)))
-            for weight in (told, np.ones(len(told)))
-        )
-        found, terms, *_ = descend(part, start, N_STEP, TOLERANCE)
-        cost, of_all = _numbers(terms[0]), _numbers(evaluate(whole, found)[0])
-        return cost, of_all - cost, np.stack([t.numpy() for t in found], axis=-1)
-
-    def _system(self, theta: np.ndarray, shape, strength) -> tuple[PixelSystem, list]:
-        """Collect what the cost under lobes depends on, and the unknowns to start from."""
-        Float = type(self.data.constant_light)
-        lobe = self.kind(*(owned(Float, np.broadcast_to(v, len(theta))) for v in (shape, strength)))
-        data = replace(self.data, model=GlossyRing(self.data.model.illumination, lobe, self.view))
-        state = start_of(data, columns(Float, theta), spread=self.spread)
-        return system_of(data, state, TERMS.loss(data), dr.opaque(Float, self.noise)), state.theta
-
-
-def _numbers(value) -> np.ndarray:
-    return value.numpy().astype(float)
 
 
 def gloss_evidence(
@@ -202,8 +95,8 @@ def gloss_evidence(
         return GlossEvidence(kind.WIDEST, 0.0, 0.0, 0.0)
     evidence, matt, glossy = _first_look(problem, pixel, theta, noise, kind, spread)
     if evidence.z > LEAST_Z:
-        sample = Sample.of(problem, pixel, kind, noise, spread)
-        shape, strength, glossy = _search(sample, glossy, evidence.shape, evidence.strength)
+        sample = Sample.of(problem, pixel, noise, spread)
+        shape, strength, glossy = _search(sample, kind, glossy, evidence.shape, evidence.strength)
         error = angular_error_deg(to_normal(matt), to_normal(glossy)).mean()
         evidence = GlossEvidence(shape, strength, evidence.z, float(error))
     return evidence
@@ -233,13 +126,15 @@ def fit_gloss(
         return Gloss(kind, shape, strength, label)
     common, _, glossy = _first_look(problem, pixel, theta, noise, kind)
     if common.z > LEAST_Z:
-        sample = Sample.of(problem, pixel, kind, noise)
-        shape[:], strength[:], _ = _search(sample, glossy, common.shape, common.strength)
+        sample = Sample.of(problem, pixel, noise)
+        shape[:], strength[:], _ = _search(sample, kind, glossy, common.shape, common.strength)
         for c in range(len(shape) if len(shape) > 1 else 0):
             pixel = _some(problem, near & (label == c))
             if len(pixel):
-                sample = Sample.of(problem, pixel, kind, noise)
-                shape[c], strength[c], _ = _search(sample, theta[pixel], shape[c], strength[c], KIND_SIGMA)
+                sample = Sample.of(problem, pixel, noise)
+                shape[c], strength[c], _ = _search(
+                    sample, kind, theta[pixel], shape[c], strength[c], KIND_SIGMA
+                )
     return Gloss(kind, shape, strength, label)
 
 
@@ -276,22 +171,34 @@ def _first_look(
     no_gloss = [(kind.WIDEST, strength) for strength in (0.0, *STRENGTHS)]
     lobes = np.array([*no_gloss, *itertools.product(kind.STARTS, STRENGTHS)])
     n_lobe, n, n_not = len(lobes), len(pixel), len(no_gloss)
-    sample = Sample.of(problem, np.tile(pixel, n_lobe), kind, noise, spread)
-    cost, held, found = sample.hold_back(np.tile(theta[pixel], (n_lobe, 1)), *np.repeat(lobes, n, axis=0).T)
+    sample = Sample.of(problem, np.tile(pixel, n_lobe), noise, spread)
+    model = _glossy(sample, kind, *np.repeat(lobes, n, axis=0).T)
+    cost, held, found = sample.hold_back(np.tile(theta[pixel], (n_lobe, 1)), model)
     total, held, found = (
         cost.reshape(n_lobe, n).sum(axis=1),
         held.reshape(n_lobe, n),
         found.reshape(n_lobe, n, -1),
     )
     rival, best = np.argmin(total[:n_not]), n_not + np.argmin(total[n_not:])
-    gain = np.clip(held[rival] - held[best], -MOST_GAIN, MOST_GAIN)
-    z = gain.sum() / np.sqrt(np.sum(gain**2))
+    z, _ = gained(held[rival], held[best])
     error = angular_error_deg(to_normal(found[0]), to_normal(found[best])).mean() if z > 0 else 0.0
-    return GlossEvidence(*lobes[best].tolist(), float(z), float(error)), found[0], found[best]
+    return GlossEvidence(*lobes[best].tolist(), z, float(error)), found[0], found[best]
+
+
+def _glossy(sample: Sample, kind: type, shape, strength) -> GlossyRing:
+    """Give the forward model of a sample under lobes, shape and strength a number or (n_pixel,)."""
+    Float, n = type(sample.data.constant_light), len(sample.data.pairs.counts)
+    lobe = kind(*(owned(Float, np.broadcast_to(v, n)) for v in (shape, strength)))
+    return GlossyRing(sample.illumination, lobe, sample.view)
 
 
 def _search(
-    sample: Sample, theta: np.ndarray, shape: float, strength: float, sigma: np.ndarray = np.inf
+    sample: Sample,
+    kind: type,
+    theta: np.ndarray,
+    shape: float,
+    strength: float,
+    sigma: np.ndarray = np.inf,
 ) -> tuple[float, float, np.ndarray]:
     """Find the lobe of smallest cost, from start values; gives its shape and strength, and the pixels' unknowns.
 
@@ -299,16 +206,16 @@ def _search(
     """
     from scipy.optimize import minimize  # late: few scenes are glossy
 
-    centre, (low, high) = np.log([shape, strength]), np.log(sample.kind.RANGE)
+    centre, (low, high) = np.log([shape, strength]), np.log(kind.RANGE)
 
     def cost(lobe):
         nonlocal theta
-        each, theta = sample.solve(theta, *np.exp(lobe))
+        each, theta = sample.solve(theta, _glossy(sample, kind, *np.exp(lobe)))
         return each.sum() + 0.5 * np.sum(((lobe - centre) / sigma) ** 2)
 
     simplex = centre + 0.3 * np.array([[0, 0], [1, 0], [0, 1]])
     options = {"initial_simplex": simplex, "xatol": SETTLED, "fatol": np.inf}
     bounds = [(low, high), (-np.inf, np.inf)]
     best = minimize(cost, centre, method="Nelder-Mead", bounds=bounds, options=options).x
-    _, theta = sample.solve(theta, *np.exp(best))
+    _, theta = sample.solve(theta, _glossy(sample, kind, *np.exp(best)))
     return *np.exp(best).tolist(), theta

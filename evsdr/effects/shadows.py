@@ -69,6 +69,8 @@ class ShadowsInEvents:
             return None
         if world.terms.solver == "adam":
             return self._left_out(world, "the solver adam asks no events for them")
+        if world.metal is not None:
+            return self._left_out(world, "not looked for on metal")
         if asked == "auto" and fitted.solution.noise > MISFIT:  # what is wrong is not what some pixels see
             return self._left_out(world, "events and model contradict each other")
         seen, limit = world.seen(fitted), world.terms.limit_deg

@@ -172,6 +172,8 @@ class SharedEffect:
             return self.as_told("the solver adam infers nothing but maps")
         if self.group not in world.terms.shared:
             return self.as_told("asked for by --shared")
+        if world.metal is not None:
+            return self.as_told("not looked for on metal")
         if not world.terms.thorough:
             return self.as_told("the preset fast does not look for it")
         found = find_shared(world, fitted)

@@ -134,6 +134,8 @@ class World:
         What LEDs do otherwise than told.
     gloss : Gloss, optional
         Lobes.
+    metal : float, optional
+        Roughness of the surface, if it is of metal.
     decisions : dict of Decision
         What was decided so far.
     """
@@ -157,6 +159,7 @@ class World:
     found: SharedFound | None = None
     aim: Aim | None = None
     gloss: Gloss | None = None
+    metal: float | None = None
     decisions: dict = field(default_factory=dict)
 
     @classmethod
@@ -273,7 +276,11 @@ class World:
             seen = self.seen(fitted)
             pairs, fired = without(problem.pairs, seen.untold), problem.fired & ~seen.untold
             problem = replace(problem, start=seen.theta, pairs=pairs, fired=fired)
+        Float = type(problem.pairs.phases)
+        if self.metal is not None:
+            metal = dr.opaque(Float, self.metal)
+            return replace(problem, metal=metal, view=view_directions(self.ring, problem.pixel))
         if self.gloss is None:
             return problem
-        lobe = self.gloss.lobe(type(problem.pairs.phases))
+        lobe = self.gloss.lobe(Float)
         return replace(problem, lobe=lobe, view=view_directions(self.ring, problem.pixel))

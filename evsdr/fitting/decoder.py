@@ -30,6 +30,7 @@ MOST_SIGNALS, MOST_LEDS = 4_000_000, 64
 RECIPES = {
     "whole": recipes.whole,
     "rough": recipes.rough,  # before events are put right
+    "metal": recipes.rough_metal,  # the same of metal
     "learn": recipes.refine,  # go on from there
     "sketch": recipes.sketch,  # events have changed a little, and may again
     "again": recipes.after_events,  # events have changed a little

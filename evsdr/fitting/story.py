@@ -13,6 +13,7 @@ from evsdr.effects.indirect import IndirectLight
 from evsdr.effects.lag import PhotoreceptorLag
 from evsdr.effects.leak import Leak
 from evsdr.effects.leds import LedDirections, LedPowers
+from evsdr.effects.metal import Metal, RoughnessOfMetal
 from evsdr.effects.near_leds import DepthOfNearLeds, NearLeds
 from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
@@ -42,6 +43,7 @@ EFFECTS = (
     SlotLength(),
     HotPixels(),
     Thresholds(),
+    Metal(),
     SetUp(),
     Wiring(),
     ThresholdsUnderVeil(),
@@ -57,6 +59,7 @@ EFFECTS = (
     DepthOfNearLeds(),
     RaysOnFit(),
     IndirectLight(),
+    RoughnessOfMetal(),
     GlossyLobes(),
 )
 MOST_ROUNDS = 3  # of tracing and fitting
@@ -95,7 +98,7 @@ def fit_recording(
         world, changed = decide("anew", world, fitted, settings, advance)
         if changed:
             solve = replace(solve, thresholds=world.thresholds)
-            fitted = solve(world.problem(), None, first, advance)
+            fitted = solve(world.problem(), None, "metal" if world.metal else first, advance)
     with stages.stage("neighbours") as advance:
         world, fitted = settle_events(world, fitted, settings, solve, advance)
     notes = {}

@@ -85,22 +85,29 @@ class RoughCoating:
     def __call__(self, normal, light, view):
         """As `BlinnPhong.__call__`."""
         half = dr.normalize(light + view)
-        to_half, to_light, to_view = (dr.dot(normal, d) for d in (half, light, view))
-        to_half, to_light, to_view = (dr.clip(c, 0.0, 1.0) for c in (to_half, to_light, to_view))
-        square = dr.square(self.shape)
-        base = dr.square(to_half) * (square - 1.0) + 1.0
-        facets = 0.25 * square * self.strength * fresnel(dr.dot(half, light)) / dr.square(base)
-        root_l, root_v = (
-            dr.sqrt(dr.square(c) * (1.0 - square) + square) for c in (to_light, to_view)
-        )  # n.x + root is 2 n.x / G1
-        shadow_l, shadow_v = 2.0 * to_light / (to_light + root_l), 2.0 / (to_view + root_v)
-        value = facets * shadow_l * shadow_v
-        by_half = value * 4.0 * to_half * (1.0 - square) / base
-        by_light = facets * shadow_v * 2.0 * square / (root_l * dr.square(to_light + root_l))
-        by_view = -0.5 * value * shadow_v * (1.0 + to_view * (1.0 - square) / root_v)
-        lit = to_light > 0
-        gradient = by_half * half + by_light * light + by_view * view
-        return dr.select(lit, value, 0.0), dr.select(lit, gradient, 0.0)
+        value, gradient = facets(self.shape, normal, light, view, half)
+        share = self.strength * fresnel(dr.dot(half, light))
+        return share * value, share * gradient
+
+
+def facets(alpha, normal, light, view, half):
+    """Reflect by facets that are mirrors: pi D G / (4 n.v) of a roughness, and its gradient by the normal."""
+    to_half, to_light, to_view = (dr.dot(normal, d) for d in (half, light, view))
+    to_half, to_light, to_view = (dr.clip(c, 0.0, 1.0) for c in (to_half, to_light, to_view))
+    square = dr.square(alpha)
+    base = dr.square(to_half) * (square - 1.0) + 1.0
+    density = 0.25 * square / dr.square(base)
+    root_l, root_v = (
+        dr.sqrt(dr.square(c) * (1.0 - square) + square) for c in (to_light, to_view)
+    )  # n.x + root is 2 n.x / G1
+    shadow_l, shadow_v = 2.0 * to_light / (to_light + root_l), 2.0 / (to_view + root_v)
+    value = density * shadow_l * shadow_v
+    by_half = value * 4.0 * to_half * (1.0 - square) / base
+    by_light = density * shadow_v * 2.0 * square / (root_l * dr.square(to_light + root_l))
+    by_view = -0.5 * value * shadow_v * (1.0 + to_view * (1.0 - square) / root_v)
+    lit = to_light > 0
+    gradient = by_half * half + by_light * light + by_view * view
+    return dr.select(lit, value, 0.0), dr.select(lit, gradient, 0.0)
 
 
 def fresnel(cosine, index: float = INDEX):

@@ -10,6 +10,7 @@ from evsdr.model.arrays import owned
 from evsdr.model.gloss import GlossyRing
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
+from evsdr.model.metal import MetalRing
 from evsdr.records import Recording
 from evsdr.solve.grid import Grid, make_grid
 from evsdr.solve.pair_data import PairData, pack_phases, pack_slots, without
@@ -35,6 +36,8 @@ class Problem:
         Their neighbours.
     lobe : BlinnPhong or RoughCoating, optional
         Their gloss.
+    metal : Float, optional
+        Their roughness, if they are of metal.
     view : Array3f, optional
         Unit vectors from surface to camera, see `GlossyRing`.
     start : (n_pixel, n_unknown) float32, optional
@@ -49,6 +52,7 @@ class Problem:
     illumination: Illumination
     grid: Grid
     lobe: object = None
+    metal: object = None
     view: object = None
     start: np.ndarray | None = None
     told: Pairs | None = None
@@ -58,8 +62,10 @@ class Problem:
         return len(self.pixel)
 
     @property
-    def model(self) -> LambertianRing | GlossyRing:
+    def model(self) -> LambertianRing | GlossyRing | MetalRing:
         """The forward model."""
+        if self.metal is not None:
+            return MetalRing(self.illumination, self.metal, self.view)
         if self.lobe is None:
             return LambertianRing(self.illumination)
         return GlossyRing(self.illumination, self.lobe, self.view)

@@ -15,8 +15,10 @@ from evsdr.solve.stages import (
     Terms,
 )
 from evsdr.solve.tuning import Tuning
+from evsdr.solve.twins import Twins
 
 MOST = 30  # steps of a descent: those that have not settled then never will
+OF_METAL = 0.4, 0.25, 0.15, 0.1, 0.05  # softness, see `model.metal`
 FIRST_NOISE = 0.5  # of the relative residual, before anything is known
 
 
@@ -70,6 +72,13 @@ def rough(effort: Effort) -> tuple[Stage, ...]:
     return (search, *descend_and_start(effort), *hear_all(effort), *know(effort))
 
 
+def rough_metal(effort: Effort) -> tuple[Stage, ...]:
+    """As `rough`, from rough metal to metal as it is: narrow lobes leave most starts without a slope."""
+    effort = replace(effort, priors=None)
+    search = (Descend(MOST, effort.tolerance, softness, FIRST_NOISE) for softness in OF_METAL)
+    return (*search, *descend_and_start(effort), *hear_all(effort), *know(effort))
+
+
 def after_light(effort: Effort) -> tuple[Stage, ...]:
     """Go on after the light has changed."""
     return (*descend_and_start(effort), *refine(effort))
@@ -109,7 +118,8 @@ def refine(effort: Effort) -> tuple[Stage, ...]:
 def hear_all(effort: Effort) -> tuple[Stage, ...]:
     """Descend on all events, also where the horizon follows the surface."""
     descend = Descend(MOST, effort.tolerance, terms=last_terms(effort), name="refinement")
-    return (AllPairs(), descend, *soft_horizon(effort, MOST))
+    twins = Twins(MOST, effort.tolerance, last_terms(effort))
+    return (AllPairs(), descend, *soft_horizon(effort, MOST), twins)
 
 
 def respread(effort: Effort) -> Stage:

@@ -65,7 +65,7 @@ def test_the_published_lobe_on_request():
     ],
 )
 def test_when_no_gloss_is_looked_for(asked, terms, words):
-    world = SimpleNamespace(decisions={}, terms=terms)
+    world = SimpleNamespace(decisions={}, terms=terms, metal=None)
     decision = GlossyLobes().decide(asked, world, None)
     assert not decision.modelled and words in decision.why
     world.decisions["gloss"] = decision

@@ -5,7 +5,7 @@ import numpy as np
 
 from evsdr.events.pairs import pair_events
 from evsdr.metrics import angular_error_deg
-from evsdr.model.gloss import BlinnPhong, RoughCoating
+from evsdr.model.gloss import BlinnPhong, RoughCoating, fresnel
 from evsdr.solve.problem import make_problem
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
 from tests.support.sphere import SPECTRUM, record_signal, ring_light
@@ -79,3 +79,23 @@ def facets(normal, tilt):
 
 def mean_error(theta, normal):
     return angular_error_deg(np.column_stack([-theta[:, :2], np.ones(len(theta))]), normal).mean()
+
+
+def metal_signals(roughness, reflectance, normal, direction):
+    """The signals of metal (n_led, ...): the lobe of a coating without Fresnel's share, in the colour of the metal."""
+    coating = lobe_signals(RoughCoating, roughness, 1.0, normal, direction)
+    half = direction + [0, 0, 1]
+    cosine = half[:, 2] / np.linalg.norm(half, axis=1)
+    share = np.array(fresnel(mi.Float(cosine.astype(np.float32))))
+    band = np.arange(len(direction)) % reflectance.shape[-1]
+    coloured = np.moveaxis(reflectance[..., band], -1, 0)
+    return coloured * coating / share.reshape(-1, *[1] * (normal.ndim - 1))
+
+
+def metal_sphere(roughness, size=24, seed=0):
+    """Give the solver's view of a recorded sphere of metal, and its true normals."""
+    normal, mask = sphere_normals(size)
+    reflectance = np.broadcast_to(SPECTRUM, (*mask.shape, 8))
+    signal = metal_signals(roughness, reflectance, normal, ring_directions())
+    recording = record_signal(np.where(mask, signal, 0), seed, event_noise=0.05)
+    return make_problem(recording, pair_events(recording, mask), ring_light(), mask), normal[mask]

@@ -49,6 +49,7 @@ class SharedWorld:
     terms: Terms = Terms()
     aim: object = None
     lag: object = None
+    metal: float | None = None
     leak: float = 0.0
     thresholds: bool = False
     found: object = None

@@ -44,6 +44,7 @@ class SmallWorld:
     light: object = None
     mask: np.ndarray | None = None
     terms: Terms = Terms()
+    metal: float | None = None
     thresholds: bool = False
     hot: np.ndarray | None = None
     lag: object = None
