@@ -5,6 +5,7 @@ vendor's SDK), ring.json and events.h5. Whatever goes wrong, the ring ends dark.
 """
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +19,7 @@ from evsdr.files.atomic import check_folder
 from evsdr.progress import Stages
 from evsdr.rig.camera import Camera, Control, open_camera
 from evsdr.rig.camera_settings import CameraSettings, parse_biases
-from evsdr.rig.capture import capture, run_to_end
+from evsdr.rig.capture import RECORDING, capture, run_to_end
 from evsdr.rig.driver import N_LED, Ring, RingSettings, find_port, flickering
 
 
@@ -60,6 +61,9 @@ class Options(JoinOptions):
     """Most events in a second, beyond which the camera drops some; 0 switches this control off. With the SDK."""
     recording: Path | None = None
     """File that your own camera software writes; it is awaited instead of asked for."""
+    preview: bool = False
+    """Show on a page of this machine what is being recorded: events, the light of each LED, and whether triggers and events
+    go with the schedule. Its address is printed."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -90,7 +94,8 @@ def record_and_join(options: Options, camera: Camera, open_ring: Callable[[], Ri
     if options.flicker:
         settings = flickering(settings)
     check_folder(options.out)
-    recording, log = capture(camera, open_ring, settings, options.out, _run)
+    with _preview(options, camera, settings):
+        recording, log = capture(camera, open_ring, settings, options.out, _run)
     try:
         join_files(recording, log, options.out / "events.h5", options)
     except InputError as error:
@@ -98,6 +103,17 @@ def record_and_join(options: Options, camera: Camera, open_ring: Callable[[], Ri
             f"{str(error).removesuffix('.')}; the run is kept, so join it by "
             f"python -m evsdr.convert {recording} --ring {log}."
         ) from error
+
+
+def _preview(options: Options, camera: Camera, settings: RingSettings) -> AbstractContextManager:
+    """Show the recording, if that is asked for."""
+    if not options.preview:
+        return nullcontext()
+    from evsdr.viewing.beside import beside, check_preview
+
+    path = camera.growing(options.out / RECORDING)
+    check_preview(path)
+    return beside(path, settings.order, settings.slot_us, settings.crossfade, options.crop)
 
 
 def _run(ring: Ring, n_round: int) -> None:

@@ -87,14 +87,19 @@ def page(
 
 
 def assemble(
-    template: Path, styles: tuple[Path, ...], scripts: tuple[Path, ...], parts: dict[str, str], shown: dict
+    template: Path,
+    styles: tuple[Path, ...],
+    scripts: tuple[Path, ...],
+    parts: dict[str, str],
+    shown: dict,
+    connect: str = "",
 ) -> str:
-    """Put a page together: a template, its styles and scripts, parts in HTML, and what the scripts read."""
+    """Put a page together: a template, its styles and scripts, parts in HTML, what the scripts read, where they may connect."""
     style = "".join(path.read_text(encoding="utf-8") for path in styles)
     script = "\n".join(path.read_text(encoding="utf-8") for path in scripts)
     script = f'"use strict";\n(() => {{\n{script}}})();\n'
     parts = parts | {
-        "policy": policy(style, script),
+        "policy": policy(style, script, connect),
         "style": style,
         "script": script,
         "contents": in_script(shown),
@@ -102,9 +107,12 @@ def assemble(
     return re.sub(r"\{\{(\w+)\}\}", lambda name: parts[name[1]], template.read_text(encoding="utf-8"))
 
 
-def policy(style: str, script: str) -> str:
-    """Allow this style and this script, and nothing from anywhere."""
-    return f"default-src 'none'; img-src data: blob:; style-src {digest(style)}; script-src {digest(script)}"
+def policy(style: str, script: str, connect: str = "") -> str:
+    """Allow this style and this script, and nothing from anywhere else than an address to connect to."""
+    allowed = (
+        f"default-src 'none'; img-src data: blob:; style-src {digest(style)}; script-src {digest(script)}"
+    )
+    return allowed + (f"; connect-src {connect}" if connect else "")
 
 
 def digest(text: str) -> str:

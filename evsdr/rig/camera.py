@@ -23,6 +23,9 @@ class Camera(Protocol):
     def start(self, path: Path) -> None:
         """Start the recording, into that file if the program can choose it."""
 
+    def growing(self, path: Path) -> Path | None:
+        """Give the file that grows while it records into that file; None if nobody knows."""
+
     def stop(self) -> Path:
         """End the recording; give its file."""
 
@@ -108,7 +111,7 @@ class SdkCamera:
                 raise RuntimeError("no trigger input")
             self.told = set_up(self._hal, self._device, self._settings)
             self._stream = self._device.get_i_events_stream()
-            self._path, self._growing = path, path.with_name(f".{path.name}")
+            self._path, self._growing = path, self.growing(path)
             if not self._stream.log_raw_data(str(self._growing)):
                 raise RuntimeError(f"can't write {path}")
             self._stream.start()
@@ -119,6 +122,10 @@ class SdkCamera:
         self._thread = threading.Thread(target=self._drain, daemon=True)
         self._thread.start()
         time.sleep(SETTLE_S)
+
+    def growing(self, path: Path) -> Path:
+        """Give the file that grows while it records into that file."""
+        return path.with_name(f".{path.name}")
 
     def stop(self) -> Path:
         """End the recording; give its file."""
@@ -174,6 +181,10 @@ class ManualCamera:
         """Ask the user to record."""
         self._size_before = self._size()
         self._line("Switch the camera's trigger input on and press record now; then press Enter here: ")
+
+    def growing(self, path: Path) -> Path | None:
+        """Give the file that the software will write, if it was told."""
+        return self._recording
 
     def stop(self) -> Path:
         """Ask the user to stop, wait until the file is complete."""

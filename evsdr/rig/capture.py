@@ -10,6 +10,7 @@ from evsdr.rig.driver import Ring, RingSettings
 from evsdr.rig.log import write_ring_log
 
 POLL_S = 0.1
+RECORDING = "recording.raw"  # what a camera writes itself
 
 
 def run_to_end(ring: Ring, n_round: int, progress: Callable[[str, float], None] | None = None) -> None:
@@ -59,7 +60,7 @@ def capture(
     with open_ring() as ring:
         ring.configure(settings)
         folder.mkdir(parents=True, exist_ok=True)
-        camera.start(folder / "recording.raw")
+        camera.start(folder / RECORDING)
         try:
             run(ring, settings.rounds)
         except BaseException:

@@ -27,7 +27,7 @@ ADDRESS_Y, ADDRESS_X, BASE_X, MASK_12, MASK_8, TIME_LOW, CONTINUED_4 = 0x0, 0x2,
 
 
 @njit(cache=True, inline="always")
-def _advance(high, new_high, period):
+def advance(high, new_high, period):
     """Give the new time high with the overflows before it; `period` is its range."""
     told = high % period
     return high - told + new_high + (period if told - new_high > period // 2 else 0)
@@ -65,7 +65,7 @@ def decode_evt2(words, has_mask, width, height, x, y, p, t, trigger_p, trigger_t
         kind = word >> 28
         if kind == TIME_HIGH:
             new_high = np.int64(word & 0xFFFFFFF)
-            high = _advance(high, new_high, 1 << 28) if has_time else new_high
+            high = advance(high, new_high, 1 << 28) if has_time else new_high
             has_time = True
         elif kind == CD_OFF or kind == CD_ON:
             if not has_time:
@@ -115,7 +115,7 @@ def decode_evt3(words, width, height, x, y, p, t, trigger_p, trigger_t, trigger_
             if not has_time:
                 high, low, has_time = new_high, 0, True
             elif new_high != high & 0xFFF:
-                high, low = _advance(high, new_high, 1 << 12), 0
+                high, low = advance(high, new_high, 1 << 12), 0
         elif kind == ADDRESS_Y:
             row = word & 0x7FF
         elif kind == ADDRESS_X:

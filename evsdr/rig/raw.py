@@ -1,5 +1,6 @@
 """Read Prophesee RAW files: a header in text, then words of EVT 2.0, EVT 2.1 or EVT 3.0."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,34 @@ WORDS = {"EVT2": np.dtype("<u4"), "EVT21": np.dtype("<u8"), "EVT3": np.dtype("<u
 HEADER_SIZE = 1 << 16  # bytes in which a header ends
 UNKNOWN_SHARE = 1e-3  # of the words; with more of unknown type the file is something else
 N_GUESS = 1 << 16  # words that tell how the halves of EVT 2.1 are ordered
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the words of a file are read.
+
+    Attributes
+    ----------
+    name : str
+        One of `WORDS`.
+    start : int
+        Where they begin [bytes].
+    width, height : int
+        Of the sensor [pixels].
+    endianness : str or None
+        As the header tells.
+    """
+
+    name: str
+    start: int
+    width: int
+    height: int
+    endianness: str | None
+
+    @property
+    def word(self) -> np.dtype:
+        """Give the type of a word."""
+        return WORDS[self.name]
 
 
 def is_raw(path: Path) -> bool:
@@ -50,15 +79,12 @@ def read_raw(path: str | Path, size: tuple[int, int] | None = None) -> CameraRec
         It is cut short, or slightly damaged.
     """
     path = Path(path)
-    fields, start = _read_header(path)
-    name, options = _read_format(path, fields)
-    width, height = size or read_size(path, _geometry(fields, options), "header does", 2048)
-    words = np.fromfile(path, WORDS[name], offset=start)
+    layout = read_layout(path, size)
+    width, height, name = layout.width, layout.height, layout.name
+    words = np.fromfile(path, layout.word, offset=layout.start)
     if not len(words):
         raise InputError(f"{path}: nothing follows its header; record again.")
-    if name == "EVT21" and _has_swapped_halves(path, words, options.get("endianness")):
-        words = (words >> np.uint64(32)) | (words << np.uint64(32))
-    count, events, edges = _decode(name, words, width, height)
+    count, events, edges = decode(layout, straight(path, layout, words))
     n_unknown = count[kernel.N_UNKNOWN]
     if n_unknown > UNKNOWN_SHARE * len(words):
         raise InputError(
@@ -69,10 +95,25 @@ def read_raw(path: str | Path, size: tuple[int, int] | None = None) -> CameraRec
     recording = check_recording(path, recording, int(count[kernel.N_OUTSIDE]))
     if n_unknown:
         warn(f"{path}: {n_unknown} of its words are unknown and left out; it is slightly damaged.")
-    left_over = (path.stat().st_size - start) % WORDS[name].itemsize
+    left_over = (path.stat().st_size - layout.start) % layout.word.itemsize
     if left_over:
         warn(f"{path}: its last word is cut short, so its last {left_over} bytes are left out.")
     return recording
+
+
+def read_layout(path: Path, size: tuple[int, int] | None = None) -> Layout:
+    """Read the header of a RAW file; arguments and errors as those of `read_raw`."""
+    fields, start = _read_header(path)
+    name, options = _read_format(path, fields)
+    width, height = size or read_size(path, _geometry(fields, options), "header does", 2048)
+    return Layout(name, start, width, height, options.get("endianness"))
+
+
+def straight(path: Path, layout: Layout, words: np.ndarray) -> np.ndarray:
+    """Give words with their type in the highest bits: some cameras swap the halves of EVT 2.1."""
+    if layout.name == "EVT21" and _has_swapped_halves(path, words, layout.endianness):
+        return (words >> np.uint64(32)) | (words << np.uint64(32))
+    return words
 
 
 def _read_header(path: Path) -> tuple[dict[str, str], int]:
@@ -128,7 +169,10 @@ def _has_swapped_halves(path: Path, words: np.ndarray, endianness: str | None) -
     return bool(low > high)
 
 
-def _decode(name: str, words: np.ndarray, width: int, height: int) -> tuple[np.ndarray, Events, Edges]:
+def decode(layout: Layout, words: np.ndarray) -> tuple[np.ndarray, Events, Edges]:
+    """Decode words; gives the counts of `evt_words`, events, and edges of the trigger inputs."""
+    name, width, height = layout.name, layout.width, layout.height
+
     def run(n_event: int, n_trigger: int) -> tuple[np.ndarray, list[np.ndarray]]:
         arrays = [np.empty(n_event, kind) for kind in EVENT_FIELDS.values()]
         arrays += [np.empty(n_trigger, kind) for kind in EDGE_FIELDS.values()]

@@ -28,9 +28,9 @@ function rateChart({ step_s: step, on, off }) {
 
 // Events of each slot; `chosen` is marked, `choose` is told of clicks.
 function slotChart({ order, on, off }, chosen, choose) {
-  const n = order.length, top = 1.05 * Math.max(...on.map((v, k) => v + off[k]), 1), ticks = slotTicks(order);
-  const drawn = axesOf({ label: `Events of ${n} slots; the table below has the numbers`, x: [-0.5, n - 0.5], y: [0, top], across: "LED of the slot, which fades into the next", up: "events", ticks, names: ticks.map((k) => ledName(order[k])) });
-  const { chart, at, over, box } = drawn, half = (0.4 * (box.right - box.left)) / n;
+  const n = order.length, most = 1.05 * Math.max(...on.map((v, k) => v + off[k]), 1), unit = most > 9999 ? 1000 : 1, ticks = slotTicks(order);
+  const drawn = axesOf({ label: `Events of ${n} slots; the table below has the numbers`, x: [-0.5, n - 0.5], y: [0, most / unit], across: "LED of the slot, which fades into the next", up: unit > 1 ? "events [thousand]" : "events", ticks, names: ticks.map((k) => ledName(order[k])) });
+  const { chart, at, box } = drawn, over = (v) => drawn.over(v / unit), half = (0.4 * (box.right - box.left)) / n;
   order.forEach((led, k) => {
     const wide = { x: at(k - 0.5), width: at(k + 0.5) - at(k - 0.5), y: box.top, height: box.bottom - box.top };
     const field = svg("rect", { ...wide, class: "slot" }, chart);

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ from evsdr.commands.capture import Options, record_and_join
 from evsdr.errors import InputError, InputWarning
 from evsdr.files.events_h5 import read_recording
 from evsdr.rig.driver import Ring, RingSettings
+from evsdr.viewing import beside
 from tests.conftest import REPOSITORY
 from tests.support.camera_files import encode_raw, make_recording
 from tests.support.fake_ring import FakeRing
@@ -84,6 +86,9 @@ class FakeCamera:
         self.steps.append("start")
         self.path = path
 
+    def growing(self, path):
+        return path
+
     def stop(self):
         self.steps.append("stop")
         self.path.write_bytes(self.data)
@@ -103,6 +108,23 @@ def test_run_is_recorded_and_joined(options, data, capsys):
     np.testing.assert_array_equal(read_recording(options.out / "events.h5").round_start_us, STARTS)
     assert json.loads((options.out / "ring.json").read_text()) == LOG
     assert "events" in capsys.readouterr().out
+
+
+def test_a_preview_is_beside_the_whole_recording(options, data, monkeypatch):
+    """It is there before the camera starts, and told what grows, the schedule and the region."""
+    steps, told = [], []
+    monkeypatch.setattr(beside, "beside", lambda *given: told.append(given) or noted(steps))
+    options = replace(options, preview=True, crop=(0, 0, 64, 48))
+    record_and_join(options, FakeCamera(steps, data), lambda: StepRing(steps))
+    assert steps == ["preview", "configure", "start", "run", "dark", "stop", "end"]
+    assert told == [(options.out / "recording.raw", (0, 3, -1, 1), 2500.0, 0.75, (0, 0, 64, 48))]
+
+
+@contextmanager
+def noted(steps):
+    steps.append("preview")
+    yield
+    steps.append("end")
 
 
 def test_what_the_camera_says_of_itself_is_kept(options, data):

@@ -137,3 +137,10 @@ def test_choice_of_camera(monkeypatch, tmp_path):
     with pytest.raises(InputError, match="metavision_hal of the vendor's SDK can't be imported"):
         open_camera("sdk")
     assert builtins.input is open_camera("manual")._ask
+
+
+def test_what_grows_is_known_unless_the_user_types_its_name_later(tmp_path):
+    path = tmp_path / "recording.raw"
+    assert SdkCamera(None).growing(path) == tmp_path / ".recording.raw"
+    assert ManualCamera(tmp_path / "a.raw").growing(path) == tmp_path / "a.raw"
+    assert ManualCamera(None).growing(path) is None

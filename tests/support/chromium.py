@@ -111,13 +111,13 @@ class Chromium:
 
     def open(
         self,
-        path: Path,
+        place: Path | str,
         ready: str,
         size: tuple[int, int] = (1280, 900),
         phone: bool = False,
         dark: bool = False,
     ):
-        """Open a file and wait until an expression is true."""
+        """Open a file, or an address, and wait until an expression is true."""
         width, height = size
         scale = 2 if phone else 1
         self.send(
@@ -129,9 +129,13 @@ class Chromium:
         )
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.send("Emulation.setEmulatedMedia", media="", features=[scheme])
-        self.send("Page.navigate", url=path.resolve().as_uri())
+        self.send("Page.navigate", url=place if isinstance(place, str) else place.resolve().as_uri())
+        self.await_true(ready)
+
+    def await_true(self, expression: str) -> None:
+        """Wait until an expression is true."""
         end = time.monotonic() + PATIENCE
-        while not self.evaluate(ready):
+        while not self.evaluate(expression):
             assert time.monotonic() < end, self.messages
             time.sleep(0.1)
 
