@@ -73,6 +73,8 @@ class ShadowsInEvents:
             return self._left_out(world, "not looked for on metal")
         if asked == "auto" and fitted.solution.noise > MISFIT:  # what is wrong is not what some pixels see
             return self._left_out(world, "events and model contradict each other")
+        if asked == "auto" and not world.terms.thorough and world.ring.shape_is_known:
+            return self._left_out(world, "the preset fast believes a known shape")
         seen, limit = world.seen(fitted), world.terms.limit_deg
         traced = self.name in world.decisions and world.decisions[self.name].modelled
         n_changed = np.count_nonzero(seen.gain)

@@ -266,7 +266,7 @@ class World:
             except InputError as error:
                 raise InputError(f"{self.recording.source}: {error}") from error
 
-        return self.memo("pairs", (self.recording, fitted, self.leak), work)
+        return self.memo("pairs", (self.recording, self.mask, fitted, self.leak), work)
 
     def problem(self, fitted: Fitted | None = None, rays: int | None = None) -> Problem:
         """Give the problem to solve; what depends on the maps follows those of a fit, if there is one."""

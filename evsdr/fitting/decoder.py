@@ -33,6 +33,7 @@ RECIPES = {
     "metal": recipes.rough_metal,  # the same of metal
     "learn": recipes.refine,  # go on from there
     "sketch": recipes.sketch,  # events have changed a little, and may again
+    "touch": recipes.touch,  # the same, as well as is needed to see how photoreceptors lag
     "again": recipes.after_events,  # events have changed a little
     "light": recipes.after_light,  # light has changed
     "model": recipes.after_model,  # the surface's model has changed

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.effects import geometry
+from evsdr.effects.blocks import sample_of
 from evsdr.effects.clock import SlotLength, TimeShift
 from evsdr.effects.gloss import GlossyLobes
 from evsdr.effects.hot_pixels import HotPixels
@@ -164,23 +165,30 @@ def decide(
 def settle_events(
     world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
 ) -> tuple[World, Fitted]:
-    """Infer what pixels share: from rough maps, from a sketch under what these tell, and until better maps tell the same."""
-    told, good = world, None
+    """Infer what pixels share: from rough maps, from a sketch under what these tell, and until better maps tell the same.
+
+    Where pixels are many the sketch is of some.
+    """
+    told, good, teacher = world, None, fitted
     for purpose in ROUNDS:
-        found = find_shared(told, fitted) if good else None
+        found = find_shared(told, teacher) if good else None
         if found and found.inferred.moved_deg < FAR * world.terms.limit_deg:
             break
-        world, changed = decide("alone", told, fitted, settings, progress)
+        world, changed = decide("alone", told, teacher, settings, progress)
         if not changed:
             break
-        new = solve(world.problem(fitted), fitted, purpose, progress)
-        known = fitted.maps.mask & new.maps.mask
-        if np.count_nonzero(known) < KEPT * np.count_nonzero(fitted.maps.mask):
+        before = sample_of(fitted) if purpose == "sketch" else fitted
+        if purpose == "again" and teacher.problem.n_pixel < fitted.problem.n_pixel:
+            before = replace(solve(world.problem(fitted), fitted, "touch", progress), problem=fitted.problem)
+        new = solve(replace(world, mask=before.problem.grid.mask).problem(before), before, purpose, progress)
+        known = before.maps.mask & new.maps.mask
+        if np.count_nonzero(known) < KEPT * np.count_nonzero(before.maps.mask & before.problem.grid.mask):
             world = refuse(told, world)
             break
+        told = replace(told, found=find_shared(told, teacher))
+        teacher = replace(new, problem=before.problem)
+        fitted = teacher if before.problem.n_pixel == fitted.problem.n_pixel else fitted
         good = (world, new) if purpose == "again" else None
-        told = replace(told, found=find_shared(told, fitted))
-        fitted = replace(new, problem=fitted.problem)
     if good is None and world.terms.thorough:
         fitted = solve(world.problem(fitted), fitted, "learn", progress)
     return good or (world, fitted)

@@ -61,6 +61,23 @@ class Problem:
     def n_pixel(self) -> int:
         return len(self.pixel)
 
+    def at(self, row: np.ndarray, grid: Grid) -> "Problem":
+        """Keep some pixels, which are those of a grid: rows (n,) int, growing."""
+        index = owned(type(self.pairs.first), row)
+        view = self.view
+        if view is not None and dr.width(view) > 1:
+            view = dr.gather(type(view), view, index)
+        return replace(
+            self,
+            pixel=self.pixel[row],
+            fired=self.fired[row],
+            pairs=self.pairs.at(index),
+            illumination=self.illumination.gather(index),
+            grid=grid,
+            view=view,
+            start=None if self.start is None else self.start[row],
+        )
+
     @property
     def model(self) -> LambertianRing | GlossyRing | MetalRing:
         """The forward model."""

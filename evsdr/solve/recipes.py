@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from evsdr.solve.coarse import Coarse
 from evsdr.solve.learning import Neighbours, PixelNoise, Respread, ThresholdSpread
 from evsdr.solve.neighbours.posterior import Priors
 from evsdr.solve.stages import (
@@ -59,17 +60,21 @@ class Effort:
 
 
 def whole(effort: Effort) -> tuple[Stage, ...]:
-    """Start from nothing: search under a soft horizon, then as `after_light`."""
-    soft = effort.tuning.softness
-    search = Descend(MOST, effort.tolerance, soft, FIRST_NOISE)
-    return (search, *after_light(effort))
+    """Start from nothing: search under a soft horizon, then refine."""
+    return (*searched(effort), *refine(effort))
 
 
 def rough(effort: Effort) -> tuple[Stage, ...]:
     """Start from nothing; go as far as is needed to see what is told wrong and what all pixels share: each alone."""
     effort = replace(effort, priors=None)
+    return (*searched(effort), *hear_all(effort), *know(effort))
+
+
+def searched(effort: Effort) -> tuple[Stage, ...]:
+    """Search from nothing, on every few pixels where there are many; then all follow."""
     search = Descend(MOST, effort.tolerance, effort.tuning.softness, FIRST_NOISE)
-    return (search, *descend_and_start(effort), *hear_all(effort), *know(effort))
+    follow = Descend(MOST, effort.tolerance), Starts(min(effort.tuning.n_sweep, 1), 3, effort.tolerance)
+    return (Coarse((search, *descend_and_start(effort))), *follow)
 
 
 def rough_metal(effort: Effort) -> tuple[Stage, ...]:
@@ -138,6 +143,11 @@ def quick(effort: Effort) -> tuple[Stage, ...]:
     steps = Descend(4, tolerance), Starts(1, 2, tolerance), ThresholdSpread(1, 2, tolerance)
     last = AllPairs(), Descend(4, tolerance, name="refinement")
     return (*steps, *last, PixelNoise(PAIRS, None), Neighbours(None, PAIRS))
+
+
+def touch(effort: Effort) -> tuple[Stage, ...]:
+    """Follow events that have changed a little, as well as is needed to see what light photoreceptors lag in."""
+    return Descend(MOST, effort.tolerance), PixelNoise(PAIRS, None), Neighbours(None, PAIRS)
 
 
 def know(effort: Effort) -> tuple[Stage, ...]:

@@ -1,6 +1,6 @@
 """What a solve is given, what its stages hand on, and what comes of it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from evsdr.solve.pair_data import PairData
 from evsdr.solve.unknowns import Unknowns
 
 SETTLED, STEPS_USED_UP, NO_INFORMATION = "settled", "steps used up", "no information"
+OF_PIXEL = "theta", "covariance", "cost", "noise_factor", "threshold_gain", "threshold_gain_sigma"
 
 
 @dataclass(frozen=True)
@@ -163,6 +164,11 @@ class Solution:
     threshold_prior: tuple | None = None
     prior_scale: dict = field(default_factory=dict)
     curved: bool = False
+
+    def at(self, row: np.ndarray) -> "Solution":
+        """Keep some pixels (n,) int."""
+        of_pixel = {name: getattr(self, name) for name in OF_PIXEL}
+        return replace(self, **{name: value[row] for name, value in of_pixel.items() if value is not None})
 
     @property
     def all_theta(self) -> np.ndarray:

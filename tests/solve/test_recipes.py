@@ -33,6 +33,11 @@ def test_a_rough_start_hears_no_neighbours():
     assert isinstance(stages[-2], PixelNoise) and stages[-1].priors is None
 
 
+def test_a_touch_follows_early_events_and_hears_no_neighbours():
+    stages = recipes.touch(Effort())
+    assert not any(isinstance(stage, AllPairs) for stage in stages) and stages[-1].priors is None
+
+
 def test_a_sketch_hears_early_events_and_neighbours():
     stages = recipes.sketch(Effort())
     assert not any(isinstance(stage, AllPairs) for stage in stages)
@@ -40,7 +45,7 @@ def test_a_sketch_hears_early_events_and_neighbours():
 
 
 def test_the_search_hardens_its_horizon():
-    soft, hard = recipes.whole(Effort())[:2]
+    soft, hard = recipes.whole(Effort())[0].stages[:2]
     assert soft.softness > 0.1 and hard.softness is None
 
 

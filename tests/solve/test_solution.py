@@ -14,3 +14,9 @@ def test_all_unknowns_hold_those_of_thresholds():
     assert solution().all_theta is solution().theta or (solution().all_theta == solution().theta).all()
     found = solution(threshold_gain=np.array([[1.0, 2.0], [3.0, 4.0]])).all_theta
     np.testing.assert_allclose(found[:, 3:], np.log([[1, 2], [3, 4]]))
+
+
+def test_some_pixels_of_it():
+    some = solution(threshold_gain=np.array([[1.0, 2.0], [3.0, 4.0]])).at(np.array([1]))
+    assert some.theta.tolist() == [[3, 4, 5]] and some.threshold_gain.tolist() == [[3, 4]]
+    assert some.covariance.shape == (1, 3, 3) and some.cost.shape == some.noise_factor.shape == (1,)

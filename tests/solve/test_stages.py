@@ -6,26 +6,16 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.model.lambert import LambertianRing
 from evsdr.progress import silent
-from evsdr.solve.loop import data_of, start_of
 from evsdr.solve.solution import SETTLED
 from evsdr.solve.stages import AllPairs, Descend, Starts
-from evsdr.solve.unknowns import first_theta, to_normal
-from tests.support.sphere import ALONE, solve, sphere_problem
+from evsdr.solve.unknowns import to_normal
+from tests.support.sphere import ALONE, searched_from, solve, sphere_problem
 
 
 @pytest.fixture(scope="module")
 def small():
     return sphere_problem(12, event_noise=0.1)
-
-
-def given(problem, n_early=None):
-    """The data of a problem, and a start with frontal normals."""
-    light = problem.illumination
-    data = data_of(LambertianRing(light), problem.pairs, light.constant_light, problem.grid, 2.0)
-    frontal = np.tile([0.0, 0.0, 1.0], (problem.n_pixel, 1))
-    return data, start_of(data, first_theta(frontal, light.n_band, False, mi.Float), n_early)
 
 
 def test_stages_end_by_tolerance(small):
@@ -40,7 +30,7 @@ def test_stages_end_by_tolerance(small):
 
 def test_a_stuck_pixel_takes_over_what_its_neighbours_found(small):
     problem, truth = small
-    data, start = given(problem)
+    data, start = searched_from(problem)
     state = Descend(30, 0.01, softness=0.3)(data, start, silent)
     state = Descend(30, 0.01)(data, state, silent)
     row = int(np.argmax(truth[:, 2]))  # frontal
@@ -58,6 +48,6 @@ def test_a_stuck_pixel_takes_over_what_its_neighbours_found(small):
 
 
 def test_all_pairs_count_after_the_search(small):
-    data, start = given(small[0], n_early=5)
+    data, start = searched_from(small[0], n_early=5)
     assert start.pairs.counts.max() == 5
     assert AllPairs()(data, start, silent).pairs.counts.max() == data.pairs.counts.max() > 5

@@ -67,6 +67,14 @@ def sphere_problem(size: int, event_noise: float, **options):
     return make_problem(recording, pair_events(recording, mask), light, mask), normal[mask]
 
 
+def searched_from(problem, n_early=None):
+    """Give the data of a problem, and a start with frontal normals."""
+    light = problem.illumination
+    data = loop.data_of(LambertianRing(light), problem.pairs, light.constant_light, problem.grid, 2.0)
+    frontal = np.tile([0.0, 0.0, 1.0], (problem.n_pixel, 1))
+    return data, loop.start_of(data, first_theta(frontal, light.n_band, False, mi.Float), n_early)
+
+
 def solve(problem, effort=ALONE, start=None, thresholds=False, model=None, recipe=None, progress=silent):
     """Solve from frontal normals by the recipe of an effort; the surface is matt by default."""
     light, model = problem.illumination, model or LambertianRing(problem.illumination)

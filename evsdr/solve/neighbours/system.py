@@ -14,7 +14,7 @@ from evsdr.solve.neighbours.spectra import LearntSpectra
 from evsdr.solve.neighbours.student import FREEDOM
 
 SMALLEST_MULTIPLE = 1e-3  # of a spectrum that may be compared with the mean
-TOLERANCE, MOST_STEPS, LOOK = 0.01, 100, 5  # of the conjugate gradients; steps between two looks
+MOST_STEPS, LOOK = 100, 3  # of the conjugate gradients; steps between two looks
 
 
 @dataclass(frozen=True)
@@ -166,8 +166,8 @@ def _step(system: JointSystem, links: Links, x: list, r: list, p: list, rho):
     return x, r, p, new_rho
 
 
-def solve(system: JointSystem, right: list, links: Links) -> list:
-    """Solve by conjugate gradients, preconditioned pixel by pixel."""
+def solve(system: JointSystem, right: list, links: Links, tolerance: float) -> list:
+    """Solve by conjugate gradients, preconditioned pixel by pixel, until the residual has fallen to a tolerance."""
     r = list(right)
     p, rho = _begin(system, r)
     first = float(rho[0])
@@ -175,6 +175,6 @@ def solve(system: JointSystem, right: list, links: Links) -> list:
     dr.make_opaque(x)
     for i in range(MOST_STEPS):
         x, r, p, rho = _step(system, links, x, r, p, rho)
-        if i % LOOK == LOOK - 1 and float(rho[0]) <= TOLERANCE**2 * first:
+        if i % LOOK == LOOK - 1 and float(rho[0]) <= tolerance**2 * first:
             break
     return x

@@ -93,7 +93,7 @@ def test_the_joint_system_is_that_of_dense_matrices(system, rng):
     """Conjugate gradients on stencils give what a dense solver gives."""
     made, links, dense = system
     right = rng.normal(size=(len(MASK[MASK]), N))
-    x = solve(made, arrays(right.T), links)
+    x = solve(made, arrays(right.T), links, 0.01)
     expected = np.linalg.solve(dense, right.ravel()).reshape(right.shape)
     np.testing.assert_allclose(
         np.array([v.numpy() for v in x]).T, expected, atol=0.02 * np.abs(expected).max()
@@ -104,7 +104,7 @@ def test_draws_scatter_as_the_inverse_of_the_matrix(system):
     made, links, dense = system
     rng, draws = np.random.default_rng(0), []
     for _ in range(600):
-        x = solve(made, draw(rng, made, links), links)
+        x = solve(made, draw(rng, made, links), links, 0.01)
         draws.append(np.array([v.numpy() for v in x]).T.ravel())
     ratio = np.mean(np.square(draws), axis=0) / np.diagonal(np.linalg.inv(dense))
     assert ratio.mean() == pytest.approx(1, abs=0.03)
@@ -166,5 +166,5 @@ def test_a_matrix_that_rounding_spoilt_gives_a_finite_step(system):
     spoilt[4] = -1e3
     matrix = [owned(mi.Float, spoilt) if i == entry else m for i, m in enumerate(made.matrix)]
     right = arrays(np.ones((N, MASK.sum())))
-    for value in solve(replace(made, matrix=matrix), right, links):
+    for value in solve(replace(made, matrix=matrix), right, links, 0.01):
         assert np.isfinite(value.numpy()).all()
