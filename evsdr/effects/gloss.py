@@ -53,7 +53,11 @@ def find_gloss(
             why = f"not modelled: the residuals show {shown}; robust weights only"
             return Decision(NAME, False, why, error, {"z": evidence.z})
     known = _with_found_thresholds(problem, solution) if before else problem
-    gloss = fit_gloss(known, solution.theta, solution.noise, kind, label)
+    free = solution.threshold_gain is not None
+    theta, spread = (solution.theta, None) if before else (solution.all_theta, solution.threshold_prior)
+    gloss = fit_gloss(known, theta, solution.noise, kind, label, spread, free)
+    if before and free:
+        gloss = replace(gloss, log_threshold=gloss.log_threshold + np.array(solution.threshold_prior[:2]))
     lobes = ", ".join(f"{shape} {a:.2g} strength {s:.2g}" for a, s in zip(gloss.shape, gloss.strength))
     why = f"left out it would cost {error:.2g} deg" if asked == "auto" else f"asked for by --gloss {asked}"
     found = {shape: gloss.shape.tolist(), "strength": gloss.strength.tolist()}

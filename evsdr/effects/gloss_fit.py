@@ -24,6 +24,7 @@ STRENGTHS = (0.05, 0.2, 0.8)  # to start a search from; what is weaker hardly sp
 SETTLED = 0.01  # change of log shape and log strength that ends the search
 LEAST_Z = 3.0  # of gloss that is there; measured: matt scenes reach 0, a coating of a fifth of its strength 5
 NEAR_DEG = 25.0  # from a half vector: where a lobe shows
+MOST_SHIFT = 0.5  # of the logarithm of all thresholds
 KIND_SIGMA = np.array([0.5, 1.0])  # of log shape and log strength of the kinds of one scene
 
 
@@ -39,12 +40,15 @@ class Gloss:
         Of each kind; strength 0 is matt.
     label : (n_pixel,) int
         Kind of each pixel.
+    log_threshold : float or (2,) float
+        By how much the logarithms of thresholds are larger than told.
     """
 
     kind: type
     shape: np.ndarray
     strength: np.ndarray
     label: np.ndarray
+    log_threshold: np.ndarray | float = 0.0
 
     def lobe(self, Float: type):
         """Lay the lobes out over the pixels."""
@@ -96,46 +100,56 @@ def gloss_evidence(
     evidence, matt, glossy = _first_look(problem, pixel, theta, noise, kind, spread)
     if evidence.z > LEAST_Z:
         sample = Sample.of(problem, pixel, noise, spread)
-        shape, strength, glossy = _search(sample, kind, glossy, evidence.shape, evidence.strength)
+        shape, strength, _, glossy = _search(sample, kind, glossy, evidence.shape, evidence.strength)
         error = angular_error_deg(to_normal(matt), to_normal(glossy)).mean()
         evidence = GlossEvidence(shape, strength, evidence.z, float(error))
     return evidence
 
 
 def fit_gloss(
-    problem: Problem, theta: np.ndarray, noise: float, kind: type = RoughCoating, label=None
+    problem: Problem,
+    theta: np.ndarray,
+    noise: float,
+    kind: type = RoughCoating,
+    label: np.ndarray | None = None,
+    spread: tuple | None = None,
+    shifted: bool = False,
 ) -> Gloss:
     """Fit one lobe per kind of material, together with the unknowns of a sample of its pixels.
 
-    The lobe of all pixels is fitted first; that of a kind departs from it as its own pixels demand.
+    The lobe of all pixels is fitted first, with what thresholds are in the mean: a matt fit takes gloss for smaller
+    thresholds, and with these the lobe comes out weaker. The lobe of a kind departs from it as its own pixels demand.
 
     Parameters
     ----------
-    theta : (n_pixel, 2 + n_band) float
-        Slopes and log reflectances to start from, of a matt fit or of an earlier glossy one.
+    theta : (n_pixel, n_unknown) float
+        Unknowns to start from, of a matt fit or of an earlier glossy one.
     label : (n_pixel,) int, optional
         Kind of each pixel; by default one for all.
+    shifted : bool
+        Whether all thresholds may be larger or smaller than told.
 
     Others as those of `gloss_evidence`.
     """
     label = np.zeros(problem.n_pixel, int) if label is None else label
     shape, strength = np.full(label.max() + 1, kind.STARTS[0]), np.zeros(label.max() + 1)
     near = near_half_vector(problem.illumination, theta, problem.view)
-    pixel = _some(problem, near)
+    pixel, n_map = _some(problem, near), 2 + problem.illumination.n_band
     if len(pixel) == 0:
         return Gloss(kind, shape, strength, label)
-    common, _, glossy = _first_look(problem, pixel, theta, noise, kind)
-    if common.z > LEAST_Z:
-        sample = Sample.of(problem, pixel, noise)
-        shape[:], strength[:], _ = _search(sample, kind, glossy, common.shape, common.strength)
-        for c in range(len(shape) if len(shape) > 1 else 0):
-            pixel = _some(problem, near & (label == c))
-            if len(pixel):
-                sample = Sample.of(problem, pixel, noise)
-                shape[c], strength[c], _ = _search(
-                    sample, kind, theta[pixel], shape[c], strength[c], KIND_SIGMA
-                )
-    return Gloss(kind, shape, strength, label)
+    common, _, glossy = _first_look(problem, pixel, theta, noise, kind, spread)
+    if common.z <= LEAST_Z:
+        return Gloss(kind, shape, strength, label)
+    sample, free = Sample.of(problem, pixel, noise), MOST_SHIFT if shifted else 0.0
+    start = common.shape, common.strength
+    shape[:], strength[:], shift, _ = _search(sample, kind, glossy[:, :n_map], *start, most_shift=free)
+    for c in range(len(shape) if len(shape) > 1 else 0):
+        pixel = _some(problem, near & (label == c))
+        if len(pixel):
+            sample = Sample.of(problem, pixel, noise).with_thresholds(shift)
+            start = theta[pixel, :n_map], shape[c], strength[c]
+            shape[c], strength[c], *_ = _search(sample, kind, *start, KIND_SIGMA)
+    return Gloss(kind, shape, strength, label, shift)
 
 
 def near_half_vector(illumination: Illumination, theta: np.ndarray, view=None) -> np.ndarray:
@@ -199,23 +213,31 @@ def _search(
     shape: float,
     strength: float,
     sigma: np.ndarray = np.inf,
-) -> tuple[float, float, np.ndarray]:
-    """Find the lobe of smallest cost, from start values; gives its shape and strength, and the pixels' unknowns.
+    most_shift: float = 0.0,
+) -> tuple[float, float, float, np.ndarray]:
+    """Find the lobe of smallest cost, from start values, with the shift of log thresholds by `most_shift` at most.
 
-    `sigma` is that of a prior on the logarithms of shape and strength, centred at the start values.
+    Gives its shape and strength, the shift, and the pixels' unknowns. `sigma` is that of a prior on the logarithms of shape and
+    strength, centred at the start values.
     """
     from scipy.optimize import minimize  # late: few scenes are glossy
 
-    centre, (low, high) = np.log([shape, strength]), np.log(kind.RANGE)
+    centre, bounds, first = np.log([shape, strength]), [np.log(kind.RANGE), (-np.inf, np.inf)], [0.3, 0.3]
+    if most_shift:
+        bounds, first = [*bounds, (-most_shift, most_shift)], [*first, 0.1]
+    start = np.append(centre, np.zeros(len(first) - 2))
 
-    def cost(lobe):
+    def solved(at):
+        here = sample.with_thresholds(at[2]) if most_shift else sample
+        return here.solve(theta, _glossy(sample, kind, *np.exp(at[:2])))
+
+    def cost(at):
         nonlocal theta
-        each, theta = sample.solve(theta, _glossy(sample, kind, *np.exp(lobe)))
-        return each.sum() + 0.5 * np.sum(((lobe - centre) / sigma) ** 2)
+        each, theta = solved(at)
+        return each.sum() + 0.5 * np.sum(((at[:2] - centre) / sigma) ** 2)
 
-    simplex = centre + 0.3 * np.array([[0, 0], [1, 0], [0, 1]])
+    simplex = start + np.vstack([np.zeros(len(start)), np.diag(first)])
     options = {"initial_simplex": simplex, "xatol": SETTLED, "fatol": np.inf}
-    bounds = [(low, high), (-np.inf, np.inf)]
-    best = minimize(cost, centre, method="Nelder-Mead", bounds=bounds, options=options).x
-    _, theta = sample.solve(theta, _glossy(sample, kind, *np.exp(best)))
-    return *np.exp(best).tolist(), theta
+    best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options).x
+    _, theta = solved(best)
+    return *np.exp(best[:2]).tolist(), float(best[2]) if most_shift else 0.0, theta

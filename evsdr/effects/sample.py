@@ -11,6 +11,7 @@ from evsdr.model.lambert import LambertianRing
 from evsdr.solve.grid import lonely_grid
 from evsdr.solve.levenberg import descend, evaluate
 from evsdr.solve.loop import data_of, start_of
+from evsdr.solve.loss import scaled
 from evsdr.solve.noise import measured
 from evsdr.solve.pair_data import thin
 from evsdr.solve.problem import Problem
@@ -58,6 +59,13 @@ class Sample:
         pairs, grid = thin(problem.pairs.at(index).events, MAX_PAIRS), lonely_grid(len(pixel), UInt32)
         data = data_of(LambertianRing(light), pairs, light.constant_light, grid, ROBUST)
         return cls(data, noise, view, spread)
+
+    def with_thresholds(self, shift: float) -> "Sample":
+        """Give the sample with thresholds whose logarithms are larger by `shift`."""
+        factor = dr.opaque(type(self.data.constant_light), float(np.exp(shift)))
+        pairs = scaled(self.data.pairs, [factor, factor])
+        dr.eval(pairs.threshold_on, pairs.threshold_off)
+        return replace(self, data=replace(self.data, pairs=pairs))
 
     @property
     def illumination(self) -> Illumination:

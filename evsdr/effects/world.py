@@ -282,5 +282,7 @@ class World:
             return replace(problem, metal=metal, view=view_directions(self.ring, problem.pixel))
         if self.gloss is None:
             return problem
-        lobe = self.gloss.lobe(Float)
-        return replace(problem, lobe=lobe, view=view_directions(self.ring, problem.pixel))
+        lobe, start = self.gloss.lobe(Float), problem.start
+        if fitted and fitted.solution.threshold_prior:
+            start = fitted.solution.with_thresholds(self.gloss.log_threshold)
+        return replace(problem, lobe=lobe, view=view_directions(self.ring, problem.pixel), start=start)

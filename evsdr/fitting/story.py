@@ -100,6 +100,7 @@ def fit_recording(
         if changed:
             solve = replace(solve, thresholds=world.thresholds)
             fitted = solve(world.problem(), None, "metal" if world.metal else first, advance)
+    told = world
     with stages.stage("neighbours") as advance:
         world, fitted = settle_events(world, fitted, settings, solve, advance)
     notes = {}
@@ -115,6 +116,7 @@ def fit_recording(
             world, changed = decide("settled", world, fitted, settings, advance)
             if changed:
                 fitted = solve(world.problem(fitted), fitted, "model", advance)
+                world, fitted = share_anew(told, world, fitted, settings, solve, advance)
     stopped = stages.enough
     fitted = replace(fitted, maps=widened(fitted.maps, world.decisions))
     with stages.stage("surface"):
@@ -192,6 +194,18 @@ def settle_events(
     if good is None and world.terms.thorough:
         fitted = solve(world.problem(fitted), fitted, "learn", progress)
     return good or (world, fitted)
+
+
+def share_anew(
+    told: World, world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
+) -> tuple[World, Fitted]:
+    """Infer what pixels share once more, now that the light's model is another; `told` is the world before any was inferred."""
+    before = replace(world, recording=told.recording, lag=told.lag, leak=told.leak, aim=told.aim, found=None)
+    seen = replace(fitted, problem=before.problem(fitted))
+    new, changed = decide("alone", before, seen, settings, progress)
+    if not changed:
+        return world, fitted
+    return new, solve(new.problem(fitted), fitted, "again", progress)
 
 
 def refuse(told: World, world: World) -> World:

@@ -107,5 +107,9 @@ def resume(
     data: Data, solution: Solution, n_early: int | None = None, theta: np.ndarray | None = None
 ) -> State:
     """Go on from a solution, or from other unknowns (n_pixel, n_unknown); with thresholds unknown if they were."""
-    theta = columns(type(data.constant_light), solution.all_theta if theta is None else theta)
-    return start_of(data, theta, n_early, solution.threshold_prior)
+    found = columns(type(data.constant_light), solution.all_theta if theta is None else theta)
+    spread = solution.threshold_prior
+    if theta is not None and spread:
+        moved = np.median(theta[:, -2:] - solution.all_theta[:, -2:], axis=0)
+        spread = (*(np.array(spread[:2]) + moved), *spread[2:])
+    return start_of(data, found, n_early, spread)

@@ -6,7 +6,7 @@ import drjit as dr
 import numpy as np
 
 from evsdr.events.pairs import Pairs
-from evsdr.model.arrays import owned
+from evsdr.model.arrays import owned, picked
 from evsdr.model.gloss import GlossyRing
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
@@ -86,6 +86,13 @@ class Problem:
         if self.lobe is None:
             return LambertianRing(self.illumination)
         return GlossyRing(self.illumination, self.lobe, self.view)
+
+    def model_at(self, index) -> LambertianRing | GlossyRing:
+        """Give the forward model of some pixels, told by a UInt32."""
+        light = self.illumination.gather(index)
+        if self.lobe is None:
+            return LambertianRing(light)
+        return GlossyRing(light, picked(self.lobe, index), picked(self.view, index))
 
 
 def make_problem(

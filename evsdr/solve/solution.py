@@ -176,3 +176,9 @@ class Solution:
         if self.threshold_gain is None:
             return self.theta
         return np.column_stack([self.theta, np.log(self.threshold_gain)])
+
+    def with_thresholds(self, mean: np.ndarray) -> np.ndarray:
+        """Give all unknowns, with thresholds that are moved alike, until the means (2,) of their logarithms are as told."""
+        theta = self.all_theta.copy()
+        theta[:, -2:] += mean - np.array(self.threshold_prior[:2])
+        return theta

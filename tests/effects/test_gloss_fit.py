@@ -14,7 +14,7 @@ from evsdr.light.scene import load_scene
 from evsdr.model.gloss import GlossyRing, RoughCoating
 from evsdr.model.lambert import LambertianRing
 from evsdr.solve.event_terms import normal_equations
-from evsdr.solve.loss import derivative_table, residuals
+from evsdr.solve.loss import derivative_table, residuals, scaled
 from evsdr.solve.pair_data import thin
 from evsdr.solve.unknowns import to_theta
 from tests.support.glossy import KINDS, floats, mean_error, sphere
@@ -127,6 +127,19 @@ def test_the_coating_is_found_and_mends_the_maps(coated):
     before, after = (mean_error(s.theta, normal) for s in (matt, glossy))
     assert after < 0.5 * before
     assert evidence.error_deg == pytest.approx(before, rel=0.4)
+
+
+def test_thresholds_told_wrong_are_found_with_the_lobe(coated):
+    """A matt fit takes gloss for smaller thresholds, and with these the lobe comes out weaker."""
+    problem, _, _, matt = coated
+    wrong = scaled(problem.pairs, [dr.opaque(mi.Float, 0.8)] * 2)
+    told_wrong = replace(problem, pairs=wrong)
+    n, spread = len(matt.theta), (0.0, 0.0, 0.3, 0.3)
+    theta = np.column_stack([matt.theta, np.zeros((n, 2), np.float32)])
+    gloss = fit_gloss(told_wrong, theta, matt.noise, spread=spread, shifted=True)
+    assert gloss.log_threshold == pytest.approx(-np.log(0.8), abs=0.03)
+    assert gloss.strength[0] == pytest.approx(0.8, rel=0.1)
+    assert fit_gloss(told_wrong, theta, matt.noise, spread=spread).strength[0] < 0.7
 
 
 def test_materials_have_their_own_lobes():

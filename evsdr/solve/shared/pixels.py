@@ -14,7 +14,6 @@ from evsdr.events.photoreceptor import SHORTEST
 from evsdr.frozen import recorded
 from evsdr.model.arrays import columns, owned
 from evsdr.model.illumination import Illumination
-from evsdr.model.lambert import LambertianRing
 from evsdr.records import Recording
 from evsdr.solve.levenberg import horizon
 from evsdr.solve.problem import Problem
@@ -37,7 +36,7 @@ class Pixels:
 
     Attributes
     ----------
-    model : callable
+    model : LambertianRing or GlossyRing
         Forward model of these.
     softness : Float, (n_pixel)
         Of their horizon.
@@ -202,9 +201,8 @@ def collect(recording: Recording, problem: Problem, solution: Solution, row: np.
     if solution.curved:
         soft = horizon(columns(Float, solution.theta), problem.grid.links, soft)
     thresholds = [value.numpy()[row] for value in (pairs.threshold_on, pairs.threshold_off)]
-    here = light.gather(owned(UInt32, row))
     return Pixels(
-        model=LambertianRing(here),
+        model=problem.model_at(owned(UInt32, row)),
         softness=owned(Float, soft.numpy()[row]),
         events=events_of(recording, problem.pixel[row]),
         leds=np.where(schedule.order < 0, light.n_led, schedule.order).astype(np.int64),
