@@ -87,12 +87,10 @@ class Problem:
             return LambertianRing(self.illumination)
         return GlossyRing(self.illumination, self.lobe, self.view)
 
-    def model_at(self, index) -> LambertianRing | GlossyRing:
+    def model_at(self, index) -> LambertianRing | GlossyRing | MetalRing:
         """Give the forward model of some pixels, told by a UInt32."""
-        light = self.illumination.gather(index)
-        if self.lobe is None:
-            return LambertianRing(light)
-        return GlossyRing(light, picked(self.lobe, index), picked(self.view, index))
+        surface = {name: picked(getattr(self, name), index) for name in ("lobe", "metal", "view")}
+        return replace(self, illumination=self.illumination.gather(index), **surface).model
 
 
 def make_problem(
