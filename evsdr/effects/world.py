@@ -227,7 +227,10 @@ class World:
             return light
 
         def work():
-            scene, free = self.surface.follow(fitted, SKIP) if surface else (self.ring, 0.0)
+            follows = (
+                surface is not None or not self.ring.shape_is_known
+            )  # a placeholder sends nothing to itself
+            scene, free = self.surface.follow(fitted, SKIP) if follows else (self.ring, 0.0)
             depth, seed = self.ring.integrator.max_depth, self.terms.seed
             return replace(light, indirect=trace_indirect(scene, fitted.maps, light, depth, seed, free))
 

@@ -82,6 +82,24 @@ def test_a_relief_lights_itself_and_a_sphere_does_not(tmp_path):
         )
 
 
+def test_an_unknown_shape_lights_itself_as_its_fit_does(tmp_path):
+    """Far LEDs and no shadows: a placeholder, which is flat, would send nothing to itself."""
+    relief = f"""<shape type="ply" id="object"><string name="filename" value="{REPOSITORY}/scenes/relief.ply"/>
+        {DIFFUSE}</shape>"""
+    flat = f'<shape type="rectangle" id="object">{DIFFUSE}</shape>'
+    known, unknown = (
+        load(tmp_path, scene(shape=s, sensor=camera(width=24, height=24))) for s in (relief, flat)
+    )
+    found = []
+    for ring in (known, unknown):
+        ring.integrator.max_depth = 2
+        fit = fitted(known)
+        grid = SimpleNamespace(mask=fit.maps.mask)
+        fit = SimpleNamespace(maps=fit.maps, problem=SimpleNamespace(grid=grid))
+        found.append(IndirectLight().decide("auto", world_of(ring), fit).expected_deg)
+    assert found[1] == pytest.approx(found[0], rel=0.5) and found[0] > 0.5
+
+
 @pytest.mark.parametrize("asked", ["auto", "direct", "indirect"])
 def test_what_is_asked_for_is_done(tmp_path, asked):
     ring = load(tmp_path, scene())
