@@ -3,6 +3,7 @@
 import json
 import select
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -19,6 +20,7 @@ from experiments.fuzz.targets import TARGETS, write_all
 
 ENDED, HANG = "ended process", "hang"
 PATIENCE = 60.0  # seconds after which a reader hangs
+LAST_WORDS = 5000  # characters of what a process said before it ended
 
 
 @dataclass(frozen=True)
@@ -39,35 +41,53 @@ class Case:
 
 
 class Reader:
-    """A child process that reads; a new one takes the place of one that ended."""
+    """A child process that reads; a new one takes the place of one that ended, and is given its file again."""
 
     def __init__(self, patience: float = PATIENCE):
-        self.patience, self.child = patience, None
+        self.patience, self.child, self.said, self.n_read = patience, None, None, 0
 
     def read(self, target: int, folder: Path) -> tuple[str, str]:
-        """Give what comes of a folder."""
-        if self.child is None:
-            command = [sys.executable, "-m", "experiments.fuzz.worker"]
-            pipes = dict(stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-            self.child = subprocess.Popen(command, cwd=Path(__file__).parents[2], **pipes)
-            if self.child.stdout.readline() != "ready\n":
-                raise RuntimeError("the reader does not start")
-        print(json.dumps([target, str(folder)]), file=self.child.stdin, flush=True)
-        if not select.select([self.child.stdout], [], [], self.patience)[0]:
+        """Give what comes of a folder; if the process ends, also its last words, and what a new one makes of it."""
+        earlier = self.n_read
+        outcome, words = self._ask(target, folder)
+        if outcome in (ENDED, HANG):
+            again = self._ask(target, folder)
             self.close()
-            return HANG, f"{self.patience:g} s"
+            words = f"{words}\nafter {earlier} other files; alone: {': '.join(again)}"
+        return outcome, words
+
+    def _ask(self, target: int, folder: Path) -> tuple[str, str]:
+        if self.child is None:
+            self._start()
+        print(json.dumps([target, str(folder)]), file=self.child.stdin, flush=True)
+        self.n_read += 1
+        answers = select.select([self.child.stdout], [], [], self.patience)[0]
+        if not answers:
+            self.child.send_signal(signal.SIGABRT)  # faulthandler says where it is
+            self.child.wait()
         line = self.child.stdout.readline()
         if line:
             return tuple(json.loads(line))
         status = self.child.wait()
+        self.said.seek(0)
+        said = self.said.read()[-LAST_WORDS:]
         self.close()
-        return ENDED, f"status {status}"
+        return (ENDED, f"status {status}\n{said}") if answers else (HANG, f"{self.patience:g} s\n{said}")
+
+    def _start(self) -> None:
+        self.said, self.n_read = tempfile.TemporaryFile("w+", errors="replace"), 0
+        command = [sys.executable, "-X", "faulthandler", "-m", "experiments.fuzz.worker"]
+        pipes = dict(stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.said, text=True)
+        self.child = subprocess.Popen(command, cwd=Path(__file__).parents[2], **pipes)
+        if self.child.stdout.readline() != "ready\n":
+            raise RuntimeError("the reader does not start")
 
     def close(self) -> None:
         """End the process."""
         if self.child is not None:
             self.child.kill()
             self.child.communicate()
+            self.said.close()
             self.child = None
 
 

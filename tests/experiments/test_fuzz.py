@@ -47,10 +47,13 @@ def test_what_else_comes_is_noticed(tmp_path):
 
 def test_a_child_that_hangs_or_ends_is_noticed(tmp_path, monkeypatch):
     real = compute.subprocess.Popen
+    words = (
+        "import faulthandler, sys; faulthandler.enable(); print('last words', file=sys.stderr, flush=True)"
+    )
 
     def instead(program):
         return lambda command, **how: real(
-            [command[0], "-c", f"print('ready', flush=True); input(); {program}"], **how
+            [command[0], "-c", f"{words}; print('ready', flush=True); input(); {program}"], **how
         )
 
     start = time.monotonic()
@@ -60,7 +63,12 @@ def test_a_child_that_hangs_or_ends_is_noticed(tmp_path, monkeypatch):
     ):
         monkeypatch.setattr(compute.subprocess, "Popen", instead(program))
         reader = Reader(patience)
-        assert reader.read(0, tmp_path)[0] == expected and reader.child is None
+        outcome, said = reader.read(0, tmp_path)
+        assert outcome == expected and reader.child is None
+        assert (
+            "last words\nFatal Python error: Aborted" in said
+            and f"after 0 other files; alone: {expected}" in said
+        )
     assert time.monotonic() - start < 20
 
 
