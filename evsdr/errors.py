@@ -39,7 +39,7 @@ def check_range(name: str, value: int, least: int, most: int = 2**32 - 1) -> Non
 
 def free_memory() -> float:
     """Give the memory that is free [bytes] for this process; infinite where the system does not tell."""
-    return min(_of_machine(), _of_process(), _of_container())
+    return min(_of_machine(), free_address_space(), _of_container())
 
 
 def _of_machine() -> float:
@@ -50,8 +50,8 @@ def _of_machine() -> float:
         return math.inf
 
 
-def _of_process() -> float:
-    """Give what `ulimit -v` leaves."""
+def free_address_space() -> float:
+    """Give what `ulimit -v` leaves [bytes]; libraries and threads reserve more of it than they use."""
     try:
         import resource  # not on Windows
 
@@ -84,4 +84,22 @@ def check_memory(what: str, n_bytes: float, remedy: str) -> None:
     if n_bytes > free:
         raise InputError(
             f"{what} would need {n_bytes / 2**30:.3g} GiB of memory, but {free / 2**30:.3g} GiB are free; {remedy}."
+        )
+
+
+def check_address_space(what: str, n_bytes: float) -> None:
+    """Refuse work that needs more address space than this process may take, before it starts.
+
+    Where a library or a thread finds none, the C library may end the process.
+
+    Raises
+    ------
+    InputError
+        It does.
+    """
+    free = free_address_space()
+    if n_bytes > free:
+        raise InputError(
+            f"{what} would need {n_bytes / 2**30:.3g} GiB of address space, but {free / 2**30:.3g} GiB are left "
+            "to this process; raise its limit, as by `ulimit -v unlimited`."
         )

@@ -14,12 +14,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from evsdr.errors import InputError
+from evsdr.errors import InputError, check_address_space
 from evsdr.signals import undisturbed
 from evsdr.threads import most_threads
 
 VARIANTS = ("llvm_ad_spectral", "cuda_ad_spectral")
 OLDEST = 19
+LIBRARIES = 800 << 20  # bytes of address space of Mitsuba, LLVM, numba and SciPy, with 2 threads; measured
 PREFERRED = (19, 22, 20, 21)  # 19 and 22 are tried; newer ones come last
 
 # libLLVM.so.19.1, libLLVM-19.so, libLLVM-19.so.1, libLLVM-14.0.6.so.1, libLLVM.dylib, LLVM-C.dll
@@ -56,7 +57,8 @@ def start(variant: str | None = None) -> None:
     Raises
     ------
     InputError
-        If no usable libLLVM or GPU is there, the process already runs another variant, or EVSDR_THREADS is no number.
+        If no usable libLLVM or GPU is there, the process already runs another variant, EVSDR_THREADS is no number, or
+        the process may take too little address space.
     """
     if variant is None:
         running = sys.modules["mitsuba"].variant() if "mitsuba" in sys.modules else None
@@ -65,6 +67,7 @@ def start(variant: str | None = None) -> None:
         raise InputError(f"evsdr runs as {' or '.join(VARIANTS)}, not as {variant}.")
     needs_llvm = variant.startswith("llvm_")
     if needs_llvm and "drjit" not in sys.modules:
+        check_address_space("Mitsuba, with the libraries that it needs,", LIBRARIES)
         library = find_llvm()
         if library is None:
             raise InputError(f"No libLLVM {OLDEST} or newer was found; install one: {install_command()}.")

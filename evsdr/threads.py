@@ -13,9 +13,14 @@ LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMB
 
 def in_chunks(work: Callable[[int], None]) -> None:
     """Call work(chunk) for each of `N_CHUNK`, several at a time."""
-    with ThreadPoolExecutor(most_threads()) as threads:
+    with ThreadPoolExecutor(side_by_side()) as threads:
         for _ in threads.map(work, range(N_CHUNK)):
             pass
+
+
+def side_by_side() -> int:
+    """Give how many threads work at a time: as many as the user allows, or one for each core."""
+    return most_threads() or max(os.cpu_count() or 1, 2)
 
 
 def most_threads() -> int | None:

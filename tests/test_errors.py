@@ -5,7 +5,14 @@ import math
 import pytest
 
 from evsdr import errors
-from evsdr.errors import InputError, check_memory, check_range, free_memory, parse_definitions
+from evsdr.errors import (
+    InputError,
+    check_address_space,
+    check_memory,
+    check_range,
+    free_memory,
+    parse_definitions,
+)
 
 
 def test_definitions():
@@ -34,7 +41,7 @@ def test_limits_of_a_process_and_of_a_container_count(tmp_path, monkeypatch):
     resource = pytest.importorskip("resource")
     before = resource.getrlimit(resource.RLIMIT_AS)
     monkeypatch.setattr(resource, "getrlimit", lambda which: (1 << 50, 1 << 50))
-    assert (1 << 49) < errors._of_process() < (1 << 50)
+    assert (1 << 49) < errors.free_address_space() < (1 << 50)
     assert free_memory() < 1 << 49 and resource.getrlimit(0) != before
     for name, text in (("max", "3000\n"), ("current", "1000\n"), ("stat", "file 300\ninactive_file 200\n")):
         (tmp_path / f"memory.{name}").write_text(text)
@@ -51,3 +58,10 @@ def test_work_beyond_the_free_memory_is_refused(monkeypatch):
         InputError, match="^it would need 4 GiB of memory, but 2 GiB are free; make it smaller.$"
     ):
         check_memory("it", 2**32, "make it smaller")
+
+
+def test_work_beyond_the_address_space_is_refused(monkeypatch):
+    monkeypatch.setattr(errors, "free_address_space", lambda: 2.0**31)
+    check_address_space("it", 2**31)
+    with pytest.raises(InputError, match="^it would need 4 GiB of address space, but 2 GiB are left to this"):
+        check_address_space("it", 2**32)

@@ -81,10 +81,10 @@ def stopped_by(number: int, what: str) -> int:
 
 
 def _of_memory(error: Exception) -> bool:
-    """Tell whether memory ran out; Dr.Jit has words of its own for that."""
+    """Tell whether memory ran out; Dr.Jit and threads have words of their own for that."""
     if isinstance(error, (OSError, ImportError)):  # a library for which there is no room says something else
         return getattr(error, "errno", None) == errno.ENOMEM or free_memory() < LIBRARY
-    words = ("out of memory", "allocation cache", "bad_alloc")
+    words = ("out of memory", "allocation cache", "bad_alloc", "can't start new thread")
     return isinstance(error, MemoryError) or (
         isinstance(error, RuntimeError) and any(word in str(error) for word in words)
     )

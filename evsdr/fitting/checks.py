@@ -5,14 +5,20 @@ from pathlib import Path
 
 import numpy as np
 
-from evsdr.errors import InputError
+from evsdr.errors import InputError, check_address_space, check_memory
 from evsdr.files.mask import read_mask
 from evsdr.fitting.settings import Settings
 from evsdr.light.checks import check_film, check_object
 from evsdr.light.scene import RingScene
 from evsdr.records import Recording
+from evsdr.threads import side_by_side
 
 MAX_BANDS = 40  # of the per-pixel systems
+FIT_BYTES, EVENT_BYTES = 130 << 20, 280  # of memory, and more for each event; measured, see docs/presets.md
+RESERVED, THREAD_BYTES = (
+    80 << 20,
+    72 << 20,
+)  # of address space beside: of kernels, and of each thread's heap and stack
 THRESHOLDS = (1e-3, 10.0)  # of natural log intensity, outside of which no event pixel is
 
 
@@ -81,3 +87,12 @@ def object_mask(ring: RingScene, coverage: np.ndarray, wanted: np.ndarray | str 
     if not mask.any():
         raise InputError(f"{source}: the mask has no pixel of the object; draw it over the object.")
     return mask
+
+
+def check_room(recording: Recording, mask: np.ndarray) -> None:
+    """Refuse a fit that needs more memory than is free: by the events of its pixels."""
+    events = recording.events
+    n_event = int(np.count_nonzero(mask[events.y, events.x]))
+    what, n_bytes = f"{recording.source}: a fit of {n_event} events", FIT_BYTES + EVENT_BYTES * n_event
+    check_address_space(what, n_bytes + RESERVED + THREAD_BYTES * side_by_side())
+    check_memory(what, n_bytes, "fit fewer pixels (--mask) or rounds, or close other programs")

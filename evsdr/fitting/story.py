@@ -25,7 +25,7 @@ from evsdr.effects.shared import find_shared, widened
 from evsdr.effects.thresholds import Thresholds, ThresholdScale, ThresholdsUnderVeil
 from evsdr.effects.world import ROUND_RAYS, TRIAL_RAYS, Fitted, Terms, World
 from evsdr.fitting import report
-from evsdr.fitting.checks import as_recorded, check_fit, object_mask
+from evsdr.fitting.checks import as_recorded, check_fit, check_room, object_mask
 from evsdr.fitting.decoder import Decoder, start_normals
 from evsdr.fitting.entrance import SOLVE, Fit
 from evsdr.fitting.presets import PRESETS
@@ -87,6 +87,7 @@ def fit_recording(
     with stages.stage("trace light"):
         _, coverage = trace_illumination(ring, TRIAL_RAYS, False, terms.seed)
         world = World.before_a_fit(ring, recording, object_mask(ring, coverage, wanted), terms)
+    check_room(recording, world.mask)
     with stages.stage("pair events"):
         world.pairs()
     with stages.stage("check recording"):

@@ -125,9 +125,10 @@ def test_other_signals_stop_as_ctrl_c_does(capsys, tmp_path, name, status):
     assert not (tmp_path / "out").exists()
 
 
-def test_memory_that_runs_out_has_its_own_sentence(capsys):
+@pytest.mark.parametrize("error", [MemoryError(), RuntimeError("can't start new thread")])
+def test_memory_that_runs_out_has_its_own_sentence(capsys, error):
     def command(options):
-        raise MemoryError
+        raise error
 
     assert run_command("count", Options, command, []) == 70
     assert capsys.readouterr().err.startswith("error: the memory ran out; use a smaller film")

@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 
 from evsdr.errors import InputError
-from evsdr.fitting.checks import MAX_BANDS, as_recorded, check_fit, object_mask
+from evsdr.fitting.checks import (
+    EVENT_BYTES,
+    FIT_BYTES,
+    MAX_BANDS,
+    RESERVED,
+    THREAD_BYTES,
+    as_recorded,
+    check_fit,
+    check_room,
+    object_mask,
+)
 from evsdr.fitting.settings import Settings
 from evsdr.records import Events, Recording, Schedule, Sensor
 
@@ -44,6 +54,22 @@ def test_what_goes_together():
 def test_what_does_not(recording, sentence):
     with pytest.raises(InputError, match=sentence):
         check_fit(RING, recording, Settings())
+
+
+@pytest.mark.parametrize(
+    ("free", "what"), [("free_memory", "memory"), ("free_address_space", "address space")]
+)
+def test_a_fit_without_room_is_refused_by_the_events_of_its_pixels(monkeypatch, free, what):
+    few, many = np.eye(3, 4) > 1, np.eye(3, 4) > 0
+    recording = replace(GOOD, events=Events(*np.zeros((4, 10**6), int)), source="b.h5")
+    monkeypatch.setenv("EVSDR_THREADS", "3")
+    room = (RESERVED + 3 * THREAD_BYTES) * (what != "memory") + FIT_BYTES + 0.9 * EVENT_BYTES * 10**6
+    monkeypatch.setattr(f"evsdr.errors.{free}", lambda: room)
+    check_room(recording, few)
+    with pytest.raises(
+        InputError, match=f"^b.h5: a fit of 1000000 events would need 0.* GiB of {what}, but 0"
+    ):
+        check_room(recording, many)
 
 
 def lit(trim=None, on=None):
