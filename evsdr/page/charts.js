@@ -9,7 +9,7 @@ function svg(name, attributes = {}, parent = null, text = "") {
 
 // Axes of a chart; gives the picture and where values lie in it.
 function axes({ label, x, y, across, up, names, ticks, size = [520, 260] }) {
-  const [width, height] = size, box = { left: 52, right: width - 12, top: 12, bottom: height - 40 };
+  const [width, height] = size, box = { left: 60, right: width - 12, top: 12, bottom: height - 40 };
   const chart = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label, class: "chart" });
   const at = (v) => box.left + ((v - x[0]) / (x[1] - x[0])) * (box.right - box.left);
   const over = (v) => box.bottom - ((v - y[0]) / (y[1] - y[0])) * (box.bottom - box.top);

@@ -132,7 +132,10 @@ def sensor(summary: dict) -> str:
     rows = []
     for name, found in summary.get("sensor", {}).items():
         values = found.items() if isinstance(found, dict) else [("", found)]
-        rows += [(f"{name} {what}".replace("_", " "), number(value)) for what, value in values]
+        words = name.removesuffix("_us").replace("_", " ") + (" period" if name == "refractory_us" else "")
+        for what, value in values:
+            unit = " µs" if (what or name).endswith("_us") else ""
+            rows.append((f"{words} {what.removesuffix('_us')}".strip(), number(value) + unit))
     return table(("of the sensor", "value"), rows)
 
 

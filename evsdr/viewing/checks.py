@@ -56,7 +56,9 @@ def triggers(look: Look) -> Check:
     found, name = look.triggers, "triggers"
     if found is None:
         if look.watched.schedule is None:
-            return Check(name, OPEN, "The file has no triggers")
+            t = look.watched.starts
+            one = f"The file has one trigger, at {1e-6 * t[0]:.6f} s, which tells no round" if len(t) else ""
+            return Check(name, OPEN, one or "The file has no triggers")
         first = "There is one: it" if len(look.watched.starts) else "There are none: start_us of the schedule"
         return Check(name, FINE, f"{first} and an even clock count the rounds")
     jitter = float(np.abs(found.deviation_us).max())

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter
 
 from evsdr.rig.health import HOT_FACTOR
 from evsdr.viewing.source import Watched
@@ -63,5 +63,9 @@ def look_at_pixels(watched: Watched) -> Pixels:
     near = apart < QUICK * watched.sensor.refractory_us
     quick = np.bincount(second[near], minlength=n).reshape(shape) / np.maximum(count, 1)
     shortest = float(np.percentile(apart, 0.1)) if len(apart) else 0.0
-    silent = (count == 0) & (beside > SILENT_BESIDE * LIT)
+    empty = count == 0
+    alone = (
+        uniform_filter(empty.astype(float), 3, mode="nearest") < 1.5 / 9
+    )  # else a dark line, as between patches
+    silent = empty & alone & (beside > SILENT_BESIDE * LIT)
     return Pixels(count - on, on, lit, hot, silent, quick, shortest)

@@ -83,10 +83,15 @@ def remedy(check: Check) -> str:
 def record(look: Look, command: str, version: str) -> str:
     """Write file, sensor, schedule, and how to make the page again."""
     sensor, rows = look.watched.sensor, []
-    for name in ("contrast_threshold_on", "contrast_threshold_off", "refractory_us"):
+    told = {
+        "contrast_threshold_on": ("contrast threshold ON", ""),
+        "contrast_threshold_off": ("contrast threshold OFF", ""),
+        "refractory_us": ("refractory period", " µs"),
+    }
+    for name, (words, unit) in told.items():
         value = np.asarray(getattr(sensor, name))
         of = " (taken for granted)" if name in sensor.guessed else " (mean)" if value.ndim else ""
-        rows.append((name.replace("_", " "), f"{value.mean():.4g}{of}"))
+        rows.append((words, f"{value.mean():.4g}{unit}{of}"))
     if look.rounds is not None:
         plan = look.rounds.schedule
         rows += [
@@ -96,6 +101,6 @@ def record(look: Look, command: str, version: str) -> str:
         ]
     made = [("command", command), ("file", str(look.watched.path)), ("version", f"evsdr {version}")]
     return (
-        f"<section><h3>Sensor and schedule</h3>{table(('', ''), rows)}</section>"
+        f"<section><h3>Sensor and schedule</h3>{table(('', ''), rows, 'words')}</section>"
         f"<section><h3>How to make it again</h3>{table(('', ''), made, 'code')}</section>"
     )

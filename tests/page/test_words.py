@@ -26,6 +26,13 @@ def test_title(events, title):
     assert words.title_of({"events": events}) == title
 
 
+def test_what_was_found_of_the_sensor_has_units():
+    found = {"refractory_us": {"told_us": 52.0, "found_us": 65.2}, "contrast_threshold_on": {"told": 0.25}}
+    html = text_of(words.sensor({"sensor": found}))
+    for said in ("refractory period told 52 µs", "period found 65.2 µs", "contrast threshold on told 0.25 "):
+        assert said in html
+
+
 @pytest.mark.parametrize("word", ["trustworthy", "doubtful", "contradicted"])
 def test_verdict_names_its_word_and_each_reason_once(word):
     html = words.verdict({"verdict": f"{word}: One. Two.", "warnings": ["Two.", "Three."]})

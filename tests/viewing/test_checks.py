@@ -130,3 +130,5 @@ def test_without_a_schedule_little_is_told():
     assert odd(found) == {}
     assert {n for n, c in found.items() if c.state == OPEN} >= {"schedule", "LEDs", "room light", "scene"}
     assert "come again every 240 ms" in str(found["schedule"])
+    one = replace(ball(), round_start_us=ball().round_start_us[:1])
+    assert "has one trigger" in str(answers(replace(watched(one), schedule=None))["triggers"])

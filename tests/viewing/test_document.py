@@ -112,7 +112,7 @@ def test_a_click_chooses_a_pixel_and_keys_move_it(browser, recording, tmp_path):
 
 
 def test_everything_that_acts_has_a_name(browser, tmp_path):
-    text = page_of(look_at(watched(lamp_recording(100.0))))
+    text = page_of(look_at(watched(lamp_recording(100.0), order=np.arange(N_LED).repeat(3))))
     open_page(browser, tmp_path / "page.html", text, size=(390, 844), phone=True, dark=True)
     assert browser.evaluate("document.documentElement.scrollWidth") <= 390
     for node in browser.send("Accessibility.getFullAXTree")["nodes"]:

@@ -30,6 +30,14 @@ def test_hot_and_silent_pixels():
     assert not found.saturated.any()
 
 
+def test_a_dark_line_is_no_fault_of_the_pixels():
+    recording = recorded()
+    events = recording.events
+    kept = ~((events.x == 9) & (events.y > 4) & (events.y < 14))
+    events = Events(*(getattr(events, name)[kept] for name in ("x", "y", "p", "t")))
+    assert not look_at_pixels(watched(replace(recording, events=events))).silent.any()
+
+
 def test_slow_pixels_are_saturated():
     found = look_at_pixels(watched(recorded(slot_us=4_000.0, pixel=replace(PIXEL, refractory_us=2_000.0))))
     assert np.count_nonzero(found.saturated) > 0.2 * np.count_nonzero(found.lit)
