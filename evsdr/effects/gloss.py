@@ -58,9 +58,11 @@ def find_gloss(
     gloss = fit_gloss(known, theta, solution.noise, kind, label, spread, free)
     if before and free:
         gloss = replace(gloss, log_threshold=gloss.log_threshold + np.array(solution.threshold_prior[:2]))
-    lobes = ", ".join(f"{shape} {a:.2g} strength {s:.2g}" for a, s in zip(gloss.shape, gloss.strength))
+    lobes = ", ".join(f"{shape} {a:.2g} strength {s:.2g}" for a, s in zip(gloss.shape, gloss.strength) if s)
+    share = np.mean(gloss.strength[gloss.label] > 0)
+    lobes = lobes if share == 1 or not lobes else f"{lobes}, on {share:.0%} of the pixels"
     why = f"left out it would cost {error:.2g} deg" if asked == "auto" else f"asked for by --gloss {asked}"
-    found = {shape: gloss.shape.tolist(), "strength": gloss.strength.tolist()}
+    found = {shape: gloss.shape.tolist(), "strength": gloss.strength.tolist(), "share": float(share)}
     return Decision(NAME, True, f"{words.format(lobes)}: {why}", error, found, gloss)
 
 

@@ -10,6 +10,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from evsdr.effects.sample import Sample, gained
 from evsdr.metrics import angular_error_deg
@@ -23,6 +24,11 @@ N_SAMPLE = 400  # pixels that stand for all of a kind
 STRENGTHS = (0.05, 0.2, 0.8)  # to start a search from; what is weaker hardly spoils normals
 SETTLED = 0.01  # change of log shape and log strength that ends the search
 LEAST_Z = 3.0  # of gloss that is there; measured: matt scenes reach 0, a coating of a fifth of its strength 5
+N_NEAR, MOST_COST = 9, 10.0  # pixels of a sample that are of one material; guessed
+MATT = ((1.0,), (0.0,))  # shape and strength of no lobe
+LEAST_SHARE = 0.45  # of the pixels near a half vector that have a lobe; measured: sub-pixel slopes look so in 0.36 at most
+N_REGION = 3000  # pixels that tell where lobes are
+MATT_COST = 0.3  # in log likelihood that a lobe must cost pixels that have none; guessed
 NEAR_DEG = 25.0  # from a half vector: where a lobe shows
 MOST_SHIFT = 0.5  # of the logarithm of all thresholds
 KIND_SIGMA = np.array([0.5, 1.0])  # of log shape and log strength of the kinds of one scene
@@ -97,11 +103,11 @@ def gloss_evidence(
     pixel = _some(problem, np.ones(problem.n_pixel, bool))
     if len(pixel) == 0:
         return GlossEvidence(kind.WIDEST, 0.0, 0.0, 0.0)
-    evidence, matt, glossy = _first_look(problem, pixel, theta, noise, kind, spread)
+    evidence, matt, glossy, there = _first_look(problem, pixel, theta, noise, kind, spread)
     if evidence.z > LEAST_Z:
-        sample = Sample.of(problem, pixel, noise, spread)
-        shape, strength, _, glossy = _search(sample, kind, glossy, evidence.shape, evidence.strength)
-        error = angular_error_deg(to_normal(matt), to_normal(glossy)).mean()
+        sample = Sample.of(problem, pixel[there], noise, spread)
+        shape, strength, _, glossy = _search(sample, kind, glossy[there], evidence.shape, evidence.strength)
+        error = angular_error_deg(to_normal(matt[there]), to_normal(glossy)).mean() * there.mean()
         evidence = GlossEvidence(shape, strength, evidence.z, float(error))
     return evidence
 
@@ -119,6 +125,7 @@ def fit_gloss(
 
     The lobe of all pixels is fitted first, with what thresholds are in the mean: a matt fit takes gloss for smaller
     thresholds, and with these the lobe comes out weaker. The lobe of a kind departs from it as its own pixels demand.
+    Regions whose events speak against a lobe are matt, a kind for itself.
 
     Parameters
     ----------
@@ -137,19 +144,41 @@ def fit_gloss(
     pixel, n_map = _some(problem, near), 2 + problem.illumination.n_band
     if len(pixel) == 0:
         return Gloss(kind, shape, strength, label)
-    common, _, glossy = _first_look(problem, pixel, theta, noise, kind, spread)
+    common, _, glossy, there = _first_look(problem, pixel, theta, noise, kind, spread)
     if common.z <= LEAST_Z:
         return Gloss(kind, shape, strength, label)
-    sample, free = Sample.of(problem, pixel, noise), MOST_SHIFT if shifted else 0.0
-    start = common.shape, common.strength
-    shape[:], strength[:], shift, _ = _search(sample, kind, glossy[:, :n_map], *start, most_shift=free)
+    sample, free = Sample.of(problem, pixel[there], noise), MOST_SHIFT if shifted else 0.0
+    start = glossy[there, :n_map], common.shape, common.strength
+    shape[:], strength[:], shift, _ = _search(sample, kind, *start, most_shift=free)
+    there = glossy_regions(problem, theta[:, :n_map], noise, kind, (shape[0], strength[0]), shift)
     for c in range(len(shape) if len(shape) > 1 else 0):
-        pixel = _some(problem, near & (label == c))
+        pixel = _some(problem, near & there & (label == c))
         if len(pixel):
             sample = Sample.of(problem, pixel, noise).with_thresholds(shift)
             start = theta[pixel, :n_map], shape[c], strength[c]
             shape[c], strength[c], *_ = _search(sample, kind, *start, KIND_SIGMA)
+    if not there.all():  # one more kind, which is matt
+        label = np.where(there, label, len(shape))
+        shape, strength = np.append([shape, strength], MATT, axis=1)
     return Gloss(kind, shape, strength, label, shift)
+
+
+def glossy_regions(
+    problem: Problem, theta: np.ndarray, noise: float, kind: type, lobe: tuple, shift
+) -> np.ndarray:
+    """Tell which pixels (n_pixel) bool look as if they had a lobe, by the events of those around it, at borders by its own."""
+    pixel = _some(problem, np.ones(problem.n_pixel, bool), N_REGION)
+    sample = Sample.of(problem, pixel, noise).with_thresholds(shift)
+    place = place_of(problem)
+    tree = cKDTree(place[pixel])
+    usual = np.median(theta[pixel][near_to(place[pixel])], axis=1)  # a wrong lobe has spoilt single pixels
+    costs = [sample.solve(usual, _glossy(sample, kind, *given))[0] for given in ((lobe[0], 0.0), lobe)]
+    matt, glossy = averaged(np.array(costs), place[pixel])
+    there = glossy < matt + MATT_COST
+    around = there[near_to(place[pixel])]
+    at_border = around.any(axis=1) & ~around.all(axis=1)
+    there = np.where(at_border, costs[1] < costs[0] + MATT_COST, there)
+    return there[tree.query(place)[1]]
 
 
 def near_half_vector(illumination: Illumination, theta: np.ndarray, view=None) -> np.ndarray:
@@ -164,10 +193,10 @@ def near_half_vector(illumination: Illumination, theta: np.ndarray, view=None) -
     return cosine > np.cos(np.radians(NEAR_DEG))
 
 
-def _some(problem: Problem, candidate: np.ndarray) -> np.ndarray:
+def _some(problem: Problem, candidate: np.ndarray, most: int = N_SAMPLE) -> np.ndarray:
     """Choose a sample of the candidates (n_pixel) bool that fired events."""
     chosen = np.flatnonzero(candidate & (problem.pairs.counts > 0))
-    return chosen[:: max(1, -(-len(chosen) // N_SAMPLE))]
+    return chosen[:: max(1, -(-len(chosen) // most))]
 
 
 def _first_look(
@@ -188,15 +217,40 @@ def _first_look(
     sample = Sample.of(problem, np.tile(pixel, n_lobe), noise, spread)
     model = _glossy(sample, kind, *np.repeat(lobes, n, axis=0).T)
     cost, held, found = sample.hold_back(np.tile(theta[pixel], (n_lobe, 1)), model)
-    total, held, found = (
-        cost.reshape(n_lobe, n).sum(axis=1),
-        held.reshape(n_lobe, n),
-        found.reshape(n_lobe, n, -1),
+    cost, held = cost.reshape(n_lobe, n), held.reshape(n_lobe, n)
+    found, each = found.reshape(n_lobe, n, -1), np.arange(n)
+    around = averaged(cost, place_of(problem)[pixel])
+    rival = np.argmin(around[:n_not], axis=0)
+    near = near_half_vector(problem.illumination, theta, problem.view)[pixel]
+    gain = (around[rival, each] - around[n_not:]) * near
+    best = n_not + np.argmax(np.maximum(gain, 0).sum(axis=1))
+    there = gain[best - n_not] > 0
+    if there.sum() < LEAST_SHARE * near.sum():  # what is wrong with any model may look glossy in a few pixels
+        there = near
+    z, _ = gained(held[rival, each][there], held[best][there])
+    error = angular_error_deg(to_normal(found[0]), to_normal(found[best])) * there
+    glossy = np.where(there[:, None], found[best], found[0])
+    return (
+        GlossEvidence(*lobes[best].tolist(), z, float(error.mean()) if z > 0 else 0.0),
+        found[0],
+        glossy,
+        there,
     )
-    rival, best = np.argmin(total[:n_not]), n_not + np.argmin(total[n_not:])
-    z, _ = gained(held[rival], held[best])
-    error = angular_error_deg(to_normal(found[0]), to_normal(found[best])).mean() if z > 0 else 0.0
-    return GlossEvidence(*lobes[best].tolist(), z, float(error)), found[0], found[best]
+
+
+def place_of(problem: Problem) -> np.ndarray:
+    """Give row and column (n_pixel, 2) of each pixel."""
+    return np.column_stack(np.nonzero(np.asarray(problem.grid.mask)))
+
+
+def averaged(cost: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Average what pixels cost (..., n_pixel) over some that are near, no pixel above its least by more than `MOST_COST`."""
+    return np.minimum(cost - cost.min(axis=0), MOST_COST)[:, near_to(place)].mean(axis=-1)
+
+
+def near_to(place: np.ndarray) -> np.ndarray:
+    """Number those (n_pixel, n) that are nearest to each place (n_pixel, 2), itself included."""
+    return cKDTree(place).query(place, min(N_NEAR, len(place)))[1].reshape(len(place), -1)
 
 
 def _glossy(sample: Sample, kind: type, shape, strength) -> GlossyRing:

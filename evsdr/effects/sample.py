@@ -148,4 +148,4 @@ def gained(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
         The same, of a pixel.
     """
     gain = np.clip(before - after, -MOST_GAIN, MOST_GAIN)
-    return float(gain.sum() / np.sqrt(max(np.sum(gain**2), 1e-12))), float(gain.mean())
+    return float(gain.sum() / np.sqrt(max(np.sum(gain**2), 1e-12))), float(gain.sum() / max(len(gain), 1))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from evsdr.effects import gloss_fit
-from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence
+from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence, near_half_vector
 from evsdr.effects.materials import sort_materials
 from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import load_scene
@@ -18,7 +18,7 @@ from evsdr.solve.loss import derivative_table, residuals, scaled
 from evsdr.solve.pair_data import thin
 from evsdr.solve.unknowns import to_theta
 from tests.support.glossy import KINDS, floats, mean_error, sphere
-from tests.support.sphere import solve
+from tests.support.sphere import SPECTRUM, solve
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 
@@ -170,3 +170,16 @@ def test_the_glossy_scenes_truth_is_its_base():
     wavelength = maps.band_wavelength_nm
     expected = np.interp(wavelength, [360, 450, 520, 580, 650, 830], [0.10, 0.15, 0.30, 0.45, 0.55, 0.60])
     np.testing.assert_allclose(inner[0], expected, atol=0.02)
+
+
+def test_a_coating_on_one_half_is_found_there():
+    """Asked of all pixels together the coating would hardly gain."""
+    matt = (RoughCoating, 0.2, 0.0)
+    problem, _, reflectance, left = sphere([(RoughCoating, 0.2, 1.0), matt], other=SPECTRUM)
+    found = solve(problem)
+    assert gloss_evidence(problem, found.theta, found.noise).is_worth_modelling()
+    gloss = fit_gloss(problem, found.theta, found.noise)
+    assert gloss.shape[0] == pytest.approx(0.2, rel=0.1) and gloss.strength[1] == 0
+    near = near_half_vector(problem.illumination, found.theta)
+    right_half = gloss.label[near] == 0
+    assert np.mean(right_half == ~left[near]) > 0.9

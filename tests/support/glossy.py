@@ -51,7 +51,7 @@ def lobe_signals(kind, shape, strength, normal, direction):
     return np.where(nl > 0, value, 0)
 
 
-def sphere(lobes=(), size=40, event_noise=0.1, seed=0, tilt=0.0):
+def sphere(lobes=(), size=40, event_noise=0.1, seed=0, tilt=0.0, other=OTHER):
     """Give the solver's view of a recorded sphere, and its truth: normals, reflectances, left half.
 
     `lobes` are (kind, shape, strength), one for all or one for each half. Each pixel sees four matt facets, whose slopes
@@ -59,7 +59,7 @@ def sphere(lobes=(), size=40, event_noise=0.1, seed=0, tilt=0.0):
     """
     normal, mask = sphere_normals(size)
     left = np.broadcast_to(np.arange(size) < size // 2, (size, size))
-    reflectance = np.where(left[..., None] & (len(lobes) > 1), OTHER, SPECTRUM)
+    reflectance = np.where(left[..., None] & (len(lobes) > 1), other, SPECTRUM)
     direction = ring_directions()
     signal = sum(lambert_signals(n, reflectance, direction) for n in facets(normal, tilt)) / 4
     for i, lobe in enumerate(lobes):
