@@ -10,19 +10,24 @@ ENOUGH = 6000  # pixels; measured on a blob of 256 x 256: 3000, 6000 and all 35,
 
 
 def sample_of(fitted: Fitted, enough: int = ENOUGH) -> Fitted:
-    """Keep blocks of pixels, as chance has it, until there are enough."""
-    mask = fitted.problem.grid.mask
-    place = block_of(mask.shape)[mask]
-    count = np.bincount(place)
+    """Keep some blocks of the pixels."""
+    problem = fitted.problem
+    return at_some(fitted, some_blocks(problem.grid.mask, enough).ravel()[problem.pixel])
+
+
+def some_blocks(mask: np.ndarray, enough: int, width: int = BLOCK) -> np.ndarray:
+    """Keep blocks of the masked pixels (height, width) bool, as chance has it, until there are enough."""
+    block = block_of(mask.shape, width)
+    count = np.bincount(block[mask])
     order = np.random.default_rng(0).permutation(len(count))
     chosen = order[: np.searchsorted(np.cumsum(count[order]), enough) + 1]
-    return at_some(fitted, np.isin(place, chosen))
+    return mask & np.isin(block, chosen)
 
 
-def block_of(shape: tuple[int, int]) -> np.ndarray:
+def block_of(shape: tuple[int, int], width: int = BLOCK) -> np.ndarray:
     """Number the block of each pixel (height, width)."""
-    row, column = np.indices(shape) // BLOCK
-    return row * (shape[1] // BLOCK + 1) + column
+    row, column = np.indices(shape) // width
+    return row * (shape[1] // width + 1) + column
 
 
 def at_some(fitted: Fitted, chosen: np.ndarray) -> Fitted:

@@ -7,7 +7,7 @@ takes it up (slopes within a pixel, borders of shadows): gloss must explain even
 """
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -55,6 +55,11 @@ class Gloss:
     strength: np.ndarray
     label: np.ndarray
     log_threshold: np.ndarray | float = 0.0
+
+    def commonest(self, n_pixel: int) -> "Gloss":
+        """Give the lobe of the commonest kind to other pixels."""
+        kind = np.bincount(self.label).argmax()
+        return replace(self, label=np.full(n_pixel, kind))
 
     def lobe(self, Float: type):
         """Lay the lobes out over the pixels."""

@@ -1,6 +1,7 @@
 """The story of a fit: decide on each effect, model those that count, solve, and say what was found."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from evsdr.fitting.decoder import Decoder, start_normals
 from evsdr.fitting.entrance import SOLVE, Fit
 from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
+from evsdr.fitting.tiles import largest, solve_tiles, telling, tiles_of
 from evsdr.fitting.verdict import judge
 from evsdr.light.scene import RingScene
 from evsdr.light.tracing import trace_illumination
@@ -87,14 +89,42 @@ def fit_recording(
     with stages.stage("trace light"):
         _, coverage = trace_illumination(ring, TRIAL_RAYS, False, terms.seed)
         world = World.before_a_fit(ring, recording, object_mask(ring, coverage, wanted), terms)
-    check_room(recording, world.mask)
+    tiles = tiles_of(world.mask, recording.events) if lm else []
+    check_room(recording, world.mask if not tiles else largest(tiles, world))
+    part = telling(world) if tiles else world
+    believed, fitted, solve, notes = believe(part, settings, stages)
+    if tiles:
+        world = replace(believed, mask=world.mask)
+        with stages.stage("signals"):
+            signals, misfit = None, solve.misfit(fitted)
+        with stages.stage("tiles") as advance:
+            fitted = solve_tiles(world, tiles, fitted, partial(retell, solve=solve, progress=advance))
+    else:
+        world = believed
+        with stages.stage("signals"):
+            signals, misfit = solve.signals(fitted), solve.misfit(fitted)
+    stopped = stages.enough
+    fitted = replace(fitted, maps=widened(fitted.maps, world.decisions))
+    with stages.stage("surface"):
+        depth = world.surface.depth(fitted) if fitted.maps.mask.any() else None
+        surface = world.surface.files(depth, fitted.maps) if depth else {}
+    geometry.check_pieces(world)
+    geometry.check_normals(world, fitted.maps)
+    verdict = judge(world, fitted, stopped)
+    said = {"verdict": str(verdict), "stopped": stopped, "misfit": misfit}
+    summary = report.summarise(world, settings, fitted, notes) | world.surface.told() | said
+    return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface, depth, signals)
+
+
+def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, Fitted, Decoder, dict]:
+    """Decide on all effects, and fit; gives what is believed, the fit, what solves under it, and notes for the summary."""
     with stages.stage("pair events"):
         world.pairs()
     with stages.stage("check recording"):
         world, _ = decide("scene", world, None, settings)
         geometry.check_light(world)
-    solve = Decoder(ring, settings, start_normals(ring, settings.init), world.thresholds)
-    first = "rough" if terms.thorough else "whole"
+    solve = Decoder(world.ring, settings, start_normals(world.ring, settings.init), world.thresholds)
+    first = "rough" if world.terms.thorough else "whole"
     with stages.stage(SOLVE) as advance:
         fitted = solve(world.problem(), None, first, advance)
         world, changed = decide("anew", world, fitted, settings, advance)
@@ -118,19 +148,26 @@ def fit_recording(
             if changed:
                 fitted = solve(world.problem(fitted), fitted, "model", advance)
                 world, fitted = share_anew(told, world, fitted, settings, solve, advance)
-    stopped = stages.enough
-    fitted = replace(fitted, maps=widened(fitted.maps, world.decisions))
-    with stages.stage("surface"):
-        depth = world.surface.depth(fitted) if fitted.maps.mask.any() else None
-        surface = world.surface.files(depth, fitted.maps) if depth else {}
-    with stages.stage("signals"):
-        signals = solve.signals(fitted)
-    geometry.check_pieces(world)
-    geometry.check_normals(world, fitted.maps)
-    verdict = judge(world, fitted, stopped)
-    said = {"verdict": str(verdict), "stopped": stopped, "misfit": solve.misfit(fitted)}
-    summary = report.summarise(world, settings, fitted, notes) | world.surface.told() | said
-    return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface, depth, signals)
+    return world, fitted, solve, notes
+
+
+def retell(world: World, solve: Decoder, progress: Progress) -> Fitted:
+    """Fit other pixels under what is believed."""
+    matt, gloss = replace(world, gloss=None), world.gloss
+    purpose = "metal" if world.metal else "rough" if world.terms.thorough else "whole"
+    fitted = solve(matt.problem(), None, purpose, progress)
+    if world.lag:
+        seen = solve(matt.problem(fitted), fitted, "touch", progress)
+        fitted = replace(seen, problem=fitted.problem)
+    if world.terms.thorough:
+        fitted = solve(matt.problem(fitted), fitted, "again" if world.lag else "learn", progress)
+    if world.light_follows_fit:
+        fitted, _ = settle(matt, matt.illumination(), fitted, solve, progress)
+        fitted = solve(matt.problem(fitted), fitted, "light", progress)
+    if gloss:
+        glossy = replace(world, gloss=gloss.commonest(fitted.problem.n_pixel))
+        fitted = solve(glossy.problem(fitted), fitted, "model", progress)
+    return fitted
 
 
 def unknown_of_all(settings: Settings) -> tuple[str, ...]:

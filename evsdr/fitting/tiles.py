@@ -1,0 +1,192 @@
+"""Large recordings, solved in tiles that overlap: so memory is that of a tile.
+
+What is decided on effects, and what all pixels share, comes from a fit of some blocks of pixels; each tile is then solved
+under that. Of pixels that several tiles solve, one tile's word counts.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from evsdr.effects.blocks import some_blocks
+from evsdr.effects.surface import FittedSurface
+from evsdr.effects.world import Fitted, World
+from evsdr.records import Events, Maps
+from evsdr.solve.grid import Grid
+from evsdr.solve.solution import OF_PIXEL, Solution
+
+# Pixels and events that are solved together; measured: 43 kB a pixel of 100 events
+AT_ONCE, EVENTS_AT_ONCE = 80_000, 10_000_000
+MARGIN = (
+    8  # pixels by which a tile goes beyond what it tells: priors tie neighbours, and these theirs; guessed
+)
+ENOUGH, BLOCK = (
+    12_000,
+    32,
+)  # pixels that tell what all share, and the width of the blocks in which they lie; guessed
+CHUNK = 1 << 22  # events that are looked at together
+WHOLE_IMAGE = "band_wavelength_nm"  # the only part of maps that has no pixels
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A part of the image.
+
+    Attributes
+    ----------
+    own, solved : (slice, slice)
+        Rows and columns that it tells, and those that are solved.
+    """
+
+    own: tuple[slice, slice]
+    solved: tuple[slice, slice]
+
+
+def tiles_of(mask: np.ndarray, events: Events) -> list[Tile]:
+    """Divide the masked part of an image into tiles that hold few enough pixels and events; none where one would do."""
+    n = int(np.ceil(max(np.count_nonzero(mask) / AT_ONCE, counted(events, mask) / EVENTS_AT_ONCE)))
+    if n <= 1:
+        return []
+    edges = [np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0)]
+    (top, bottom), (left, right) = [(int(edge[0]), int(edge[-1]) + 1) for edge in edges]
+    n_row = max(1, round(np.sqrt(n * (bottom - top) / (right - left))))
+    rows, columns = _parts(top, bottom, n_row), _parts(left, right, -(-n // n_row))
+    tiles = [Tile((r, c), tuple(_wider(s) for s in (r, c))) for r in rows for c in columns]
+    return [tile for tile in tiles if mask[tile.own].any()]
+
+
+def _parts(begin: int, end: int, n: int) -> list[slice]:
+    edge = np.linspace(begin, end, n + 1).round().astype(int).tolist()
+    return [slice(*both) for both in zip(edge[:-1], edge[1:])]
+
+
+def _wider(part: slice) -> slice:
+    return slice(max(part.start - MARGIN, 0), part.stop + MARGIN)
+
+
+def counted(events: Events, mask: np.ndarray) -> int:
+    """Count the events of the masked pixels."""
+    parts = (slice(k, k + CHUNK) for k in range(0, len(events), CHUNK))
+    return sum(int(np.count_nonzero(mask[events.y[part], events.x[part]])) for part in parts)
+
+
+def largest(tiles: list[Tile], world: World) -> np.ndarray:
+    """Give the masked pixels (height, width) bool of the tile that has most."""
+    masks = (solved(world.mask, tile) for tile in tiles)
+    return max(masks, key=np.count_nonzero)
+
+
+def solved(mask: np.ndarray, tile: Tile) -> np.ndarray:
+    """Give the masked pixels (height, width) bool of a tile."""
+    out = np.zeros_like(mask)
+    out[tile.solved] = mask[tile.solved]
+    return out
+
+
+def telling(world: World) -> World:
+    """Keep the pixels that tell what all share."""
+    return replace(world, mask=some_blocks(world.mask, ENOUGH, BLOCK))
+
+
+def within(world: World, tile: Tile) -> World:
+    """Look at a tile only."""
+    events, (rows, columns) = world.recording.events, tile.solved
+    inside = (events.y >= rows.start) & (events.y < rows.stop)
+    inside &= (events.x >= columns.start) & (events.x < columns.stop)
+    events = replace(events, **{name: getattr(events, name)[inside] for name in "xypt"})
+    recording = replace(world.recording, events=events)
+    return replace(
+        world, mask=solved(world.mask, tile), recording=recording, surface=FittedSurface(world.ring)
+    )
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What a tile tells of its own pixels.
+
+    Attributes
+    ----------
+    pixel : (n,) int
+        Where they lie in the image, row-major.
+    fired : (n,) bool
+    n_pair : (n,) int
+    solution : Solution
+    """
+
+    pixel: np.ndarray
+    fired: np.ndarray
+    n_pair: np.ndarray
+    solution: Solution
+
+    @classmethod
+    def of(cls, fitted: Fitted, tile: Tile) -> "Piece":
+        """Keep what counts."""
+        problem, own = fitted.problem, np.zeros(fitted.problem.grid.mask.shape, bool)
+        own[tile.own] = True
+        row = np.flatnonzero(own.ravel()[problem.pixel])
+        pixel = problem.pixel[row]
+        n_pair = np.diff(problem.told.offset.astype(np.int64))[pixel]
+        solution = fitted.solution.at(row)
+        solution = replace(solution, covariance=solution.covariance.astype(np.float32))
+        return cls(pixel, problem.fired[row], n_pair, solution)
+
+
+def solve_tiles(world: World, tiles: list[Tile], example: Fitted, fit: Callable[[World], Fitted]) -> Fitted:
+    """Solve all tiles and join what they tell.
+
+    Parameters
+    ----------
+    world : World
+        Of all pixels.
+    example : Fitted
+        The fit of some pixels, which shows what all have alike: it stands for noise and light.
+    fit : callable (World) -> Fitted
+        Fits the pixels of a tile.
+    """
+    pieces, maps = [], None
+    for tile in tiles:
+        fitted = fit(within(world, tile))
+        pieces.append(Piece.of(fitted, tile))
+        maps = fitted.maps if maps is None else joined(maps, fitted.maps, tile)
+        del fitted
+    return together(world, example, pieces, maps)
+
+
+def joined(maps: Maps, new: Maps, tile: Tile) -> Maps:
+    """Take over what a tile tells; the first that was fitted has nothing beyond its own."""
+    out = {f.name: getattr(maps, f.name) for f in fields(Maps) if f.name != WHOLE_IMAGE}
+    for name, image in out.items():
+        image[tile.own] = getattr(new, name)[tile.own]
+    return replace(maps, **out)
+
+
+def together(world: World, example: Fitted, pieces: list[Piece], maps: Maps) -> Fitted:
+    """Put the pieces of an image in the place of an example's."""
+    order = np.argsort(np.concatenate([piece.pixel for piece in pieces]))
+
+    def of_all(values: list):
+        return None if values[0] is None else np.concatenate(values)[order]
+
+    pixel, fired, n_pair = (
+        of_all([getattr(piece, name) for piece in pieces]) for name in ("pixel", "fired", "n_pair")
+    )
+    solutions = [piece.solution for piece in pieces]
+    solution = replace(
+        example.solution,
+        **{name: of_all([getattr(solution, name) for solution in solutions]) for name in OF_PIXEL},
+        noise=float(np.median([solution.noise for solution in solutions])),
+        n_step=example.solution.n_step + sum(solution.n_step for solution in solutions),
+    )
+    count = np.zeros(world.mask.size, np.int64)
+    count[pixel] = n_pair
+    n_event = counted(world.recording.events, world.mask)
+    told = replace(
+        example.problem.told,
+        offset=np.append(0, np.cumsum(count)).astype(np.uint32),
+        n_event=n_event,
+        n_dropped=n_event - int(count.sum()) - int(np.count_nonzero(fired)),
+    )
+    grid = Grid(world.mask, example.problem.grid.links)
+    problem = replace(example.problem, pixel=pixel, fired=fired, grid=grid, told=told)
+    return Fitted(problem, solution, maps)
