@@ -91,6 +91,12 @@ class Memo:
         del kept[most:]
         return value
 
+    def only(self, *kinds: str) -> "Memo":
+        """Remember less."""
+        less = Memo()
+        less._kept = {kind: list(kept) for kind, kept in self._kept.items() if kind in kinds}
+        return less
+
 
 @dataclass(frozen=True)
 class World:

@@ -129,7 +129,7 @@ def pair_events(
         silences
     )
     if receptors:
-        silent_probe = receptors.phases(probe_offset[silent_offset], silent_probe.astype(np.float64))
+        silent_probe = receptors.phases(probe_offset[silent_offset], silent_probe)
     return Pairs(
         offset=pair_offset,
         phase_start=start,

@@ -71,12 +71,12 @@ class Photoreceptors:
         in_chunks(lambda chunk: _shown(chunk, *given, self.noise, self.refractory, TABLE, out))
         return Shown(*out)
 
-    def phases(self, offset: np.ndarray, position: np.ndarray) -> np.ndarray:
-        """Give the phases (n,) float32 at which the light was what is shown at positions (n,) of pixels."""
-        out = np.empty((4, len(position)), np.float32)
-        given = *self._values, np.asarray(offset, np.int64), position, np.zeros(len(position))
-        in_chunks(lambda chunk: _shown(chunk, *given, 0.0, 0.0, TABLE, out))
-        return out[0]
+    def phases(self, offset: np.ndarray, slot: np.ndarray) -> np.ndarray:
+        """Give the phases (n,) float32 at which the light was what is shown where slots (n,) of pixels start."""
+        out, slot = np.empty(len(slot), np.float32), np.asarray(slot, np.float32)
+        given = *self._values, np.asarray(offset, np.int64), slot
+        in_chunks(lambda chunk: _shown_at_starts(chunk, *given, out))
+        return out
 
     @property
     def _values(self) -> tuple:
@@ -118,3 +118,26 @@ def _shown(
                 else:
                     level, share = kept(refractory * own, 0.0)
                     out[3, k] = polarity[k] * noise * (level * ahead + share * velocity)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shown_at_starts(chunk, light, row_of, crossfade, tau, dark, offset, slot, out):
+    """See `Photoreceptors.phases`; a pixel shows the same at each start of a slot."""
+    n_pixel, n_slot = len(offset) - 1, light.shape[1]
+    nodes, shown = np.zeros((n_slot, MOST_NODES + 2)), np.empty(n_slot, np.float32)
+    each = (n_pixel + N_CHUNK - 1) // N_CHUNK
+    for pixel in range(chunk * each, min((chunk + 1) * each, n_pixel)):
+        if offset[pixel] == offset[pixel + 1]:
+            continue
+        row = row_of[pixel]
+        if row >= 0:
+            follow(light[row], tau, dark, crossfade, nodes)
+        for k in range(n_slot):
+            shown[k] = k
+            if row >= 0:
+                late = late_at(float(k), light[row], tau, dark, crossfade, nodes)
+                start, fade = shown_at(float(k), late, light[row], crossfade)
+                phase = np.float32(start + fade)
+                shown[k] = phase if phase < n_slot else 0.0
+        for k in range(offset[pixel], offset[pixel + 1]):
+            out[k] = shown[int(slot[k])]

@@ -4,9 +4,11 @@ What is decided on effects, and what all pixels share, comes from a fit of some 
 under that. Of pixels that several tiles solve, one tile's word counts.
 """
 
+import gc
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
+import drjit as dr
 import numpy as np
 
 from evsdr.effects.blocks import some_blocks
@@ -145,7 +147,10 @@ def solve_tiles(world: World, tiles: list[Tile], example: Fitted, fit: Callable[
         Fits the pixels of a tile.
     """
     pieces, maps = [], None
+    world = replace(world, memo=world.memo.only("trace", "aim"))
     for tile in tiles:
+        gc.collect()  # of the tile before
+        dr.flush_malloc_cache()
         fitted = fit(within(world, tile))
         pieces.append(Piece.of(fitted, tile))
         maps = fitted.maps if maps is None else joined(maps, fitted.maps, tile)

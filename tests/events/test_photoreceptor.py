@@ -63,12 +63,12 @@ def test_the_moment_of_a_hard_switch_shows_the_light_after_it_only_later(light):
     np.testing.assert_allclose(v, before, atol=1e-3)
 
 
-def test_phases_are_those_of_silent_events(light):
+def test_phases_where_slots_start_are_those_of_events(light):
     receptors = Photoreceptors(light, ROWS, 1.0, TAU, noise=0.02, refractory=0.1)
-    position = np.linspace(0, 6.99, 40)
-    offset = np.append(0, np.cumsum(np.full(N_PIXEL, 40)))
-    phases = receptors.phases(offset, np.tile(position, N_PIXEL))
-    np.testing.assert_array_equal(phases, look(receptors, position).fired)
+    slot = np.tile(np.arange(N_SLOT, dtype=float), 2)
+    offset = np.append(0, np.cumsum(np.full(N_PIXEL, len(slot))))
+    phases = receptors.phases(offset, np.tile(slot, N_PIXEL))
+    np.testing.assert_array_equal(phases, look(receptors, slot).fired)
 
 
 def test_noise_adds_its_lead_and_what_is_kept_of_it():
