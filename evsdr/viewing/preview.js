@@ -3,7 +3,7 @@ const byId = (id) => document.getElementById(id);
 const TONES = { locked: "trustworthy", "not locked": "doubtful", waiting: "waiting" };
 const NOBODY = { seen: "A recording is under way; this page follows it.", ended: "The recording has ended. This page keeps what it saw last.", lost: "The preview has gone; the recording may go on without it." };
 
-const link = new WebSocket(`${location.origin.replace("http", "ws")}${location.pathname}feed`);
+const link = new WebSocket(`${location.origin.replace("http", "ws")}${location.pathname.replace(/\/?$/, "/feed")}`);
 let ended = false;
 link.addEventListener("open", () => (byId("link").textContent = NOBODY.seen));
 link.addEventListener("message", (event) => {

@@ -111,7 +111,7 @@ def test_a_browser_shows_it(server, browser, tmp_path):
     """Pictures of each LED, nothing on the console, and no request but to the page's own address."""
     server.newest.put(ball_now(end=50_000))
     browser.messages.clear()
-    browser.open(server.address, "document.documentElement?.dataset.ready === 'yes'")
+    browser.open(server.address.rstrip("/"), "document.documentElement?.dataset.ready === 'yes'")
     assert browser.evaluate("document.getElementById('state').textContent") == "waiting"
     server.newest.put(ball_now())
     browser.await_true("document.querySelectorAll('#leds canvas').length > 0")
@@ -126,7 +126,7 @@ def test_a_browser_shows_it(server, browser, tmp_path):
     server.newest.put(ball_now(ended=True), ended=True)
     browser.await_true("document.getElementById('link').textContent.includes('has ended')")
     assert browser.evaluate("document.getElementById('trouble').hidden")
-    assert browser.messages == [f"request {server.address}"]
+    assert browser.messages == [f"request {server.address.rstrip('/')}"]
 
 
 def test_a_browser_that_does_not_know_the_token_is_refused(server, browser):
