@@ -28,9 +28,9 @@ def joined(found, part, name):
 
 @pytest.mark.parametrize("kind", ["EVT2", "EVT21", "EVT21 legacy", "EVT3"])
 def test_pieces_make_the_whole(kind, rng, tmp_path):
-    """But for the end, which lies behind the last word of time; EVT 3.0's clock runs over once."""
-    data = encode_raw(random_recording(rng, 3000, 40, 12_000_000, 5_000_000), kind)
-    sizes = [int(n) for n in rng.integers(1, 3000, 400)]
+    """But for the end, which lies behind the last word of time; EVT 3.0's clock runs over twice."""
+    data = encode_raw(random_recording(rng, 3000, 40, 40_000_000, 5_000_000), kind)
+    sizes = [int(n) for n in rng.integers(1, 3000, 60)]
     (tmp_path / "whole.raw").write_bytes(data)
     whole = read_raw(tmp_path / "whole.raw")
     found = pieces(tmp_path / "grown.raw", data, [*sizes, len(data)])
