@@ -26,6 +26,8 @@ class Decision:
         What `Effect.model` needs beside.
     warning : str
         What the user should look into if it is modelled.
+    doubt : str
+        What they should look into though it is not.
     """
 
     effect: str
@@ -35,6 +37,7 @@ class Decision:
     found: dict = field(default_factory=dict)
     answer: object = None
     warning: str = ""
+    doubt: str = ""
 
 
 class Effect(Protocol):
@@ -49,7 +52,7 @@ class Effect(Protocol):
     when : str
         On what it is decided: `scene`, before any fit; `anew`, on a first fit that is then made anew; `alone`, on
         residuals of single pixels; `together`, on fitted maps, before the light settles on them; `settled`, on the
-        residuals that then remain, twice, the second time to refine what was decided.
+        residuals that then remain, twice, the second time to refine what was decided; `last`, on the maps as they are.
     """
 
     name: str

@@ -24,6 +24,7 @@ from evsdr.effects.setup import SetUp, Wiring
 from evsdr.effects.shadows import Shadows, ShadowsInEvents, ShadowsOnFit
 from evsdr.effects.shared import find_shared, widened
 from evsdr.effects.thresholds import Thresholds, ThresholdScale, ThresholdsUnderVeil
+from evsdr.effects.translucent import Translucency, paid
 from evsdr.effects.world import ROUND_RAYS, TRIAL_RAYS, Fitted, Terms, World
 from evsdr.fitting import report
 from evsdr.fitting.checks import as_recorded, check_fit, check_room, object_mask
@@ -64,6 +65,7 @@ EFFECTS = (
     IndirectLight(),
     RoughnessOfMetal(),
     GlossyLobes(),
+    Translucency(),
 )
 MOST_ROUNDS = 3  # of tracing and fitting
 ROUNDS = "sketch", "again", "again"  # of fits, each under what the maps before tell that pixels share
@@ -82,14 +84,11 @@ def fit_recording(
     """Fit a recording of a scene; arguments as of `entrance.fit`, whose work this is."""
     check_fit(ring, recording, settings)
     ring, recording = as_recorded(ring, recording)
-    preset, lm = PRESETS[settings.preset], settings.solver == "lm"
-    thorough, told = preset.thorough and lm, Told(directions_deg=settings.leds_told_to)
-    given = settings.solver, thorough, settings.limit_deg, preset.rays, settings.seed + 1
-    terms = Terms(*given, unknown_of_all(settings), told)
+    terms = terms_of(settings)
     with stages.stage("trace light"):
         _, coverage = trace_illumination(ring, TRIAL_RAYS, False, terms.seed)
         world = World.before_a_fit(ring, recording, object_mask(ring, coverage, wanted), terms)
-    tiles = tiles_of(world.mask, recording.events) if lm else []
+    tiles = tiles_of(world.mask, recording.events) if terms.solver == "lm" else []
     check_room(recording, world.mask if not tiles else largest(tiles, world))
     part = telling(world) if tiles else world
     believed, fitted, solve, notes = believe(part, settings, stages)
@@ -104,7 +103,8 @@ def fit_recording(
         with stages.stage("signals"):
             signals, misfit = solve.signals(fitted), solve.misfit(fitted)
     stopped = stages.enough
-    fitted = replace(fitted, maps=widened(fitted.maps, world.decisions))
+    world, _ = decide("last", world, fitted, settings)
+    fitted = replace(fitted, maps=paid(widened(fitted.maps, world.decisions), world.decisions))
     with stages.stage("surface"):
         depth = world.surface.depth(fitted) if fitted.maps.mask.any() else None
         surface = world.surface.files(depth, fitted.maps) if depth else {}
@@ -168,6 +168,14 @@ def retell(world: World, solve: Decoder, progress: Progress) -> Fitted:
         glossy = replace(world, gloss=gloss.commonest(fitted.problem.n_pixel))
         fitted = solve(glossy.problem(fitted), fitted, "model", progress)
     return fitted
+
+
+def terms_of(settings: Settings) -> Terms:
+    """Give the terms by which effects are decided on."""
+    preset, lm = PRESETS[settings.preset], settings.solver == "lm"
+    thorough, told = preset.thorough and lm, Told(directions_deg=settings.leds_told_to)
+    given = settings.solver, thorough, settings.limit_deg, preset.rays, settings.seed + 1
+    return Terms(*given, unknown_of_all(settings), told)
 
 
 def unknown_of_all(settings: Settings) -> tuple[str, ...]:

@@ -101,6 +101,8 @@ def doubts_of(world: World, fitted: Fitted) -> Iterator[str]:
     for decision in world.decisions.values():
         if decision.modelled and decision.warning:
             yield f"{source}: {decision.warning}"
+        if decision.doubt:
+            yield f"{source}: {decision.doubt}"
     yield from faint_light(world, fitted)
     yield from contrary_pixels(world, fitted)
     for name, values in threshold_summary(world.recording, fitted).items():

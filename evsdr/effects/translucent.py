@@ -1,0 +1,133 @@
+"""Translucent surfaces: named and paid for in sigma, as no event of a ring of one polar angle can tell them from matt ones.
+
+Light that goes through a surface goes on behind the horizon, R (n . l + w) / (1 + w) for n . l > -w. Where l . a is the same k for
+all LEDs, a the axis of the ring, that is matt light of another normal and reflectance,
+
+    n' = (n + (w / k) a) / s,   R' = R s / (1 + w),   s = |n + (w / k) a|:
+
+the surface looks flatter than it is. What remains to tell is reflectance: on a thing of one material R' falls with the tilt as s does.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from evsdr.effects.effect import Decision
+from evsdr.effects.world import Fitted, World
+from evsdr.model.illumination import Illumination
+from evsdr.records import Maps
+
+NAME = "translucency"
+WRAPS = np.arange(0.0, 0.85, 0.05)
+UNEVEN = 0.03  # scatter of l . a from which events tell
+TEXTURED = 0.15  # scatter of log reflectance that many materials have
+FLOOR = 0.003  # of that, of what fits make wrong
+TOGETHER = 25.0  # pixels that err together; guessed
+# Log likelihood, and wrap, from which it is named; measured: matt spheres and sculptures 0, of a wrap of 0.5 10 to 30
+LEAST_GAIN, LEAST_WRAP = 4.0, 0.15
+
+
+@dataclass(frozen=True)
+class Translucent:
+    """What light that goes on behind the horizon makes of maps.
+
+    Attributes
+    ----------
+    wrap : float
+        w.
+    axis : (3,) float
+        a.
+    cosine : float
+        k.
+    """
+
+    wrap: float
+    axis: np.ndarray
+    cosine: float
+
+    def real(self, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Give the normals (..., 3) that look like others, and R / R' (...)."""
+        lift = self.wrap / self.cosine
+        along = normal @ self.axis
+        length = lift * along + np.sqrt(np.maximum(1 - lift**2 * (1 - along**2), 0))
+        real = length[..., None] * normal - lift * self.axis
+        size = np.linalg.norm(real, axis=-1, keepdims=True)
+        return real / np.maximum(size, 1e-9), (1 + self.wrap) / np.maximum(length, 1e-3)
+
+    def pay(self, maps: Maps) -> Maps:
+        """Add to the sigmas what maps are off by if it is true."""
+        real, factor = self.real(maps.normal.astype(float))
+        turn = np.degrees(np.arccos(np.clip(np.sum(real * maps.normal, axis=-1), -1, 1)))
+        change = np.abs(factor - 1)[..., None] * maps.reflectance
+        return replace(
+            maps,
+            normal_sigma_deg=np.hypot(maps.normal_sigma_deg, turn * maps.mask, dtype=np.float32),
+            reflectance_sigma=np.minimum(np.hypot(maps.reflectance_sigma, change, dtype=np.float32), 1),
+        )
+
+
+class Translucency:
+    """Surfaces that look flatter than they are."""
+
+    name, option, when = NAME, "", "last"
+
+    def decide(self, asked: str, world: World, fitted: Fitted) -> Decision:
+        """Ask the reflectances."""
+        axis = ring_axis(fitted.problem.illumination)
+        if not world.terms.thorough or world.metal is not None or world.ring.constant_light == 0:
+            return Decision(NAME, False, "not looked for")
+        if axis is None:
+            return Decision(NAME, False, "not looked for: LEDs of several polar angles tell it")
+        wrap, gain = flattening(fitted.maps, *axis)
+        if gain < LEAST_GAIN or wrap < LEAST_WRAP:
+            return Decision(
+                NAME, False, "none: reflectance does not fall with the tilt", found={"gain": gain}
+            )
+        why = f"reflectance falls with the tilt, as that of a translucent surface of wrap {wrap:.2g} does"
+        doubt = (
+            f"{why}: light may go on behind the horizon, and the surface be steeper than it looks. Sigmas allow for that; LEDs of "
+            "another polar angle would tell."
+        )
+        found, answer = {"wrap": wrap, "gain": gain}, Translucent(wrap, *axis)
+        return Decision(
+            NAME, False, f"not modelled, paid for in sigma: {why}", None, found, answer, doubt=doubt
+        )
+
+    def model(self, world: World, decision: Decision) -> World:
+        """Leave it: no event tells it."""
+        return world
+
+
+def paid(maps: Maps, decisions: dict[str, Decision]) -> Maps:
+    """Add what translucency may be off by."""
+    decision = decisions.get(NAME)
+    return decision.answer.pay(maps) if decision and decision.answer else maps
+
+
+def ring_axis(light: Illumination) -> tuple[np.ndarray, float] | None:
+    """Give the axis (3,) of a ring of one polar angle, and its cosine; None if there are several."""
+    direction = np.array([[np.mean(np.array(c)) for c in d] for d in light.direction])
+    axis = direction.mean(axis=0)
+    axis /= np.linalg.norm(axis)
+    cosine = direction @ axis
+    return None if np.std(cosine) > UNEVEN or cosine.mean() < UNEVEN else (axis, float(cosine.mean()))
+
+
+def flattening(maps: Maps, axis: np.ndarray, cosine: float) -> tuple[float, float]:
+    """Find the wrap under which reflectance is most alike, and what that gains in log likelihood over none."""
+    there = maps.mask & maps.mask_reflectance
+    if np.count_nonzero(there) < TOGETHER:
+        return 0.0, 0.0
+    log = np.log(np.maximum(maps.reflectance[there].astype(float), 1e-6))
+    log, normal = np.median(log - np.median(log, axis=0), axis=1), maps.normal[there].astype(float)
+
+    def scatter(wrap):
+        own = log + np.log(Translucent(wrap, axis, cosine).real(normal)[1])
+        return np.median(np.abs(own - np.median(own)))
+
+    scatters = np.array([scatter(w) for w in WRAPS])
+    best = int(np.argmin(scatters))
+    if scatters[0] > TEXTURED:
+        return 0.0, 0.0
+    gain = len(log) / TOGETHER * np.log((scatters[0] + FLOOR) / (scatters[best] + FLOOR))
+    return float(WRAPS[best]), float(gain)

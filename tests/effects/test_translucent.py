@@ -1,0 +1,86 @@
+"""Translucent spheres look flatter, and their reflectance says so."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from evsdr.effects.effect import Decision
+from evsdr.effects.translucent import NAME, Translucency, Translucent, flattening, paid, ring_axis
+from evsdr.effects.world import Terms
+from evsdr.metrics import angular_error_deg
+from evsdr.records import Maps
+from tests.support.analytic import ring_directions, sphere_normals
+from tests.support.glossy import vectors
+from tests.support.sphere import SPECTRUM, ring_light
+
+AXIS, COSINE = np.array([0.0, 0.0, 1.0]), np.sqrt(0.5)
+
+
+def fit_of(wrap, seed=0):
+    """The maps that a matt fit finds of a sphere of one material, with some noise, and the true normals."""
+    normal, mask = sphere_normals(40)
+    lifted = normal + wrap / COSINE * AXIS
+    size = np.linalg.norm(lifted, axis=-1, keepdims=True)
+    noise = np.random.default_rng(seed).normal(0, 0.01, (40, 40, 8))
+    reflectance = np.where(mask[..., None], SPECTRUM * size / (1 + wrap) * np.exp(noise), 0)
+    sigma = np.full((40, 40), 0.2, np.float32)
+    values = lifted / size, reflectance, mask, sigma, 0.01 * reflectance, np.arange(8.0), mask
+    return Maps(*(np.float32(v) if v.dtype == float else v for v in values)), normal
+
+
+def test_a_fit_of_it_explains_the_same_light():
+    maps, normal = fit_of(0.5)
+    cosine, real = (np.einsum("ijk,lk->ijl", n, ring_directions()) for n in (maps.normal, normal))
+    light = np.maximum(real + 0.5, 0) / 1.5
+    size = np.linalg.norm(normal + 0.5 / COSINE * AXIS, axis=-1, keepdims=True)
+    np.testing.assert_allclose(np.maximum(cosine, 0) * size / 1.5, light, atol=1e-5)
+
+
+@pytest.mark.parametrize("wrap", [0.3, 0.6])
+def test_its_wrap_is_found_and_its_normals(wrap):
+    maps, normal = fit_of(wrap)
+    found, gain = flattening(maps, AXIS, COSINE)
+    assert found == pytest.approx(wrap, abs=0.05) and gain > 10
+    real, factor = Translucent(wrap, AXIS, COSINE).real(maps.normal.astype(float))
+    assert angular_error_deg(real, normal)[maps.mask].max() < 0.1
+    np.testing.assert_allclose((factor[..., None] * maps.reflectance)[maps.mask].mean(0), SPECTRUM, rtol=0.01)
+
+
+def test_what_is_matt_or_textured_is_none():
+    maps, _ = fit_of(0.0)
+    assert flattening(maps, AXIS, COSINE)[0] < 0.1
+    maps, _ = fit_of(0.5)
+    maps.reflectance[:, ::2] *= 2
+    assert flattening(maps, AXIS, COSINE) == (0.0, 0.0)
+    maps.mask[:] = False
+    assert flattening(maps, AXIS, COSINE) == (0.0, 0.0)
+
+
+def world_of(**more):
+    return SimpleNamespace(
+        **({"terms": Terms(), "metal": None, "ring": SimpleNamespace(constant_light=0.1)} | more)
+    )
+
+
+def test_it_is_named_and_paid_for_in_sigma():
+    maps, normal = fit_of(0.5)
+    fitted = SimpleNamespace(maps=maps, problem=SimpleNamespace(illumination=ring_light()))
+    decision = Translucency().decide("auto", world_of(), fitted)
+    assert not decision.modelled and "translucent surface of wrap 0.5" in decision.doubt
+    error = angular_error_deg(maps.normal, normal)[maps.mask]
+    wide = paid(maps, {NAME: decision}).normal_sigma_deg[maps.mask]
+    assert np.mean(error < 3 * maps.normal_sigma_deg[maps.mask]) < 0.2 and (error < 1.5 * wide).all()
+    assert paid(maps, {NAME: Decision(NAME, False, "none")}) is maps
+    assert not Translucency().decide("auto", world_of(metal=0.3), fitted).doubt
+
+
+def test_leds_of_several_polar_angles_tell_it_themselves():
+    light = ring_light()
+    axis, cosine = ring_axis(light)
+    np.testing.assert_allclose(axis, AXIS, atol=1e-6)
+    assert cosine == pytest.approx(COSINE)
+    light.direction[0] = vectors([[0.0, 0.0, 1.0]])
+    assert ring_axis(light) is None
+    fitted = SimpleNamespace(maps=None, problem=SimpleNamespace(illumination=light))
+    assert "polar angles" in Translucency().decide("auto", world_of(), fitted).why
