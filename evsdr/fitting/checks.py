@@ -15,10 +15,8 @@ from evsdr.threads import side_by_side
 
 MAX_BANDS = 40  # of the per-pixel systems
 FIT_BYTES, EVENT_BYTES = 130 << 20, 280  # of memory, and more for each event; measured, see docs/presets.md
-RESERVED, THREAD_BYTES = (
-    80 << 20,
-    72 << 20,
-)  # of address space beside: of kernels, and of each thread's heap and stack
+# Of address space beside: of kernels, and of each thread's heap and stack; Dr.Jit keeps what it has freed. All measured
+RESERVED, THREAD_BYTES, KEPT = 80 << 20, 72 << 20, 2
 THRESHOLDS = (1e-3, 10.0)  # of natural log intensity, outside of which no event pixel is
 
 
@@ -93,6 +91,6 @@ def check_room(recording: Recording, mask: np.ndarray) -> None:
     """Refuse a fit that needs more memory than is free: by the events of its pixels."""
     events = recording.events
     n_event = int(np.count_nonzero(mask[events.y, events.x]))
-    what, n_bytes = f"{recording.source}: a fit of {n_event} events", FIT_BYTES + EVENT_BYTES * n_event
-    check_address_space(what, n_bytes + RESERVED + THREAD_BYTES * side_by_side())
-    check_memory(what, n_bytes, "fit fewer pixels (--mask) or rounds, or close other programs")
+    what, n_bytes = f"{recording.source}: a fit of {n_event} events", EVENT_BYTES * n_event
+    check_address_space(what, FIT_BYTES + KEPT * n_bytes + RESERVED + THREAD_BYTES * side_by_side())
+    check_memory(what, FIT_BYTES + n_bytes, "fit fewer pixels (--mask) or rounds, or close other programs")

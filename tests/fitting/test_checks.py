@@ -10,6 +10,7 @@ from evsdr.errors import InputError
 from evsdr.fitting.checks import (
     EVENT_BYTES,
     FIT_BYTES,
+    KEPT,
     MAX_BANDS,
     RESERVED,
     THREAD_BYTES,
@@ -63,7 +64,9 @@ def test_a_fit_without_room_is_refused_by_the_events_of_its_pixels(monkeypatch, 
     few, many = np.eye(3, 4) > 1, np.eye(3, 4) > 0
     recording = replace(GOOD, events=Events(*np.zeros((4, 10**6), int)), source="b.h5")
     monkeypatch.setenv("EVSDR_THREADS", "3")
-    room = (RESERVED + 3 * THREAD_BYTES) * (what != "memory") + FIT_BYTES + 0.9 * EVENT_BYTES * 10**6
+    room = FIT_BYTES + 0.9 * EVENT_BYTES * 10**6
+    if what != "memory":
+        room = FIT_BYTES + RESERVED + 3 * THREAD_BYTES + 0.9 * KEPT * EVENT_BYTES * 10**6
     monkeypatch.setattr(f"evsdr.errors.{free}", lambda: room)
     check_room(recording, few)
     with pytest.raises(
