@@ -1,5 +1,6 @@
 """Start Mitsuba once for all tests, with few threads; fixtures that many tests share."""
 
+import gc
 import os
 import shutil
 from pathlib import Path
@@ -46,6 +47,14 @@ def pytest_configure(config):
     import drjit as dr
 
     dr.set_thread_count(N_THREAD)
+    gc.freeze()  # what is imported stays, and need not be looked through
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _freed():
+    """Free the scenes of a file: Mitsuba compiles kernels for all emitters and materials that live, whoever's they are."""
+    yield
+    gc.collect()
 
 
 @pytest.fixture

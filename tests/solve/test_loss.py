@@ -98,6 +98,7 @@ def test_scores_vanish_at_the_truth_and_scatter_as_the_information_says(noise, m
     given = table, problem.pairs, light.constant_light, 8, mi.Float(noise)
     events = normal_equations(*given, mi.Float(1e4), True, 1.0)  # Gaussian
     silences = silence_equations(*given, True)
+    dr.eval(events, silences)  # else each is computed by a kernel of its own
     events, silences = (
         [np.array([v.numpy() for v in part]).T for part in terms[1:]] for terms in (events, silences)
     )

@@ -18,7 +18,6 @@ SIZE = 24
 PIXEL = EventPixel(event_noise=0.1).idealised()
 
 
-@cache
 def scene_of(name="sphere", constant_light="0.05"):
     """Load a scene of the repository."""
     define = {"size": str(SIZE), "constant_light": constant_light}
