@@ -57,9 +57,11 @@ class Gloss:
     log_threshold: np.ndarray | float = 0.0
 
     def commonest(self, n_pixel: int) -> "Gloss":
-        """Give the lobe of the commonest kind to other pixels."""
-        kind = np.bincount(self.label).argmax()
-        return replace(self, label=np.full(n_pixel, kind))
+        """Give the lobe of the commonest kind to other pixels, of those that have one if most pixels do."""
+        count, lobed = np.bincount(self.label, minlength=len(self.shape)), self.strength > 0
+        if 2 * count[lobed].sum() >= count.sum():
+            count = count * lobed
+        return replace(self, label=np.full(n_pixel, count.argmax()))
 
     def lobe(self, Float: type):
         """Lay the lobes out over the pixels."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from evsdr.effects import gloss_fit
-from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence, near_half_vector
+from evsdr.effects.gloss_fit import Gloss, fit_gloss, gloss_evidence, near_half_vector
 from evsdr.effects.materials import sort_materials
 from evsdr.light.ground_truth import surface_maps
 from evsdr.light.scene import load_scene
@@ -183,3 +183,10 @@ def test_a_coating_on_one_half_is_found_there():
     near = near_half_vector(problem.illumination, found.theta)
     right_half = gloss.label[near] == 0
     assert np.mean(right_half == ~left[near]) > 0.9
+
+
+@pytest.mark.parametrize(("label", "commonest"), [([2, 2, 2, 0, 0, 1, 1], 0), ([2, 2, 2, 0, 0], 2)])
+def test_other_pixels_get_the_commonest_lobe(label, commonest):
+    """If most pixels have one: where nothing tells, some count as matt."""
+    gloss = Gloss(RoughCoating, np.array([0.2, 0.3, 1.0]), np.array([1.0, 0.5, 0.0]), np.array(label))
+    assert gloss.commonest(4).label.tolist() == [commonest] * 4
