@@ -32,3 +32,9 @@ class IndirectLight:
     def model(self, world: World, decision: Decision | None = None) -> World:
         """Gather it whenever light is traced on a fit."""
         return replace(world, indirect=True)
+
+    def refuse(self, world: World) -> World:
+        """Take it back: the events are explained worse with it."""
+        why = f"{DIRECT}: with indirect light the events are explained worse"
+        decision = replace(world.decisions[self.name], modelled=False, why=why)
+        return replace(world, indirect=False, decisions=world.decisions | {self.name: decision})

@@ -19,19 +19,19 @@ from evsdr.effects.metal import Metal, RoughnessOfMetal
 from evsdr.effects.near_leds import DepthOfNearLeds, NearLeds
 from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
-from evsdr.effects.sensitivity import mean_error
 from evsdr.effects.setup import SetUp, Wiring
 from evsdr.effects.shadows import Shadows, ShadowsInEvents, ShadowsOnFit
 from evsdr.effects.shared import find_shared, widened
 from evsdr.effects.thresholds import Thresholds, ThresholdScale, ThresholdsUnderVeil
 from evsdr.effects.translucent import Translucency, paid
-from evsdr.effects.world import ROUND_RAYS, TRIAL_RAYS, Fitted, Terms, World
+from evsdr.effects.world import TRIAL_RAYS, Fitted, Terms, World
 from evsdr.fitting import report
 from evsdr.fitting.checks import as_recorded, check_fit, check_room, object_mask
 from evsdr.fitting.decoder import Decoder, start_normals
 from evsdr.fitting.entrance import SOLVE, Fit
 from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
+from evsdr.fitting.settling import settle
 from evsdr.fitting.tiles import largest, solve_tiles, telling, tiles_of
 from evsdr.fitting.verdict import judge
 from evsdr.light.scene import RingScene
@@ -67,11 +67,9 @@ EFFECTS = (
     GlossyLobes(),
     Translucency(),
 )
-MOST_ROUNDS = 3  # of tracing and fitting
 ROUNDS = "sketch", "again", "again"  # of fits, each under what the maps before tell that pixels share
 KEPT = 0.5  # of the pixels that are known, at least, when what they share was inferred; guessed
 FAR = 2.0  # limits by which better maps must turn normals, by what pixels share, to be worth another fit; guessed
-SETTLED = 0.1  # of the first round's change, below which light has settled
 
 
 def fit_recording(
@@ -139,7 +137,7 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
         first_light = world.illumination()
         world, changed = decide("together", world, fitted, settings, advance)
         if world.light_follows_fit and not stages.enough:
-            fitted, notes = settle(world, first_light, fitted, solve, advance)
+            world, fitted, notes = settle(world, first_light, fitted, solve, advance)
         if changed:
             fitted = solve(world.problem(fitted), fitted, "light", advance)
     with stages.stage("residuals") as advance:
@@ -162,10 +160,10 @@ def retell(world: World, solve: Decoder, progress: Progress) -> Fitted:
     if world.terms.thorough:
         fitted = solve(matt.problem(fitted), fitted, "again" if world.lag else "learn", progress)
     if world.light_follows_fit:
-        fitted, _ = settle(matt, matt.illumination(), fitted, solve, progress)
+        matt, fitted, _ = settle(matt, matt.illumination(), fitted, solve, progress)
         fitted = solve(matt.problem(fitted), fitted, "light", progress)
     if gloss:
-        glossy = replace(world, gloss=gloss.commonest(fitted.problem.n_pixel))
+        glossy = replace(matt, gloss=gloss.commonest(fitted.problem.n_pixel))
         fitted = solve(glossy.problem(fitted), fitted, "model", progress)
     return fitted
 
@@ -260,23 +258,3 @@ def refuse(told: World, world: World) -> World:
     new = {name: d for name, d in world.decisions.items() if told.decisions.get(name) is not d}
     taken = {name: replace(d, modelled=False, why=why) for name, d in new.items() if d.modelled}
     return replace(told, decisions=world.decisions | taken)
-
-
-def settle(world: World, light, fitted: Fitted, solve: Decoder, progress: Progress) -> tuple[Fitted, dict]:
-    """Trace light on what was fitted and fit again, until the light no longer changes; `light` is that before."""
-    first = 0.0
-    for round_ in range(MOST_ROUNDS):
-        new = world.illumination(fitted, ROUND_RAYS)
-        change = mean_error(world.look(fitted), light, new)
-        first = first if round_ else change
-        if change < max(world.terms.limit_deg, SETTLED * first):
-            break
-        light = new
-        fitted = solve(world.problem(fitted, ROUND_RAYS), fitted, "quick", progress)
-        if progress("light and shape", (round_ + 1) / MOST_ROUNDS):
-            break
-    note = (
-        f"{round_ + 1}: tracing anew would turn normals by {change:.2g} degrees in the last, "
-        f"{first:.2g} in the first"
-    )
-    return fitted, {"rounds of light and shape": note}
