@@ -10,7 +10,6 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from evsdr.effects.sample import Sample, gained
 from evsdr.metrics import angular_error_deg
@@ -177,6 +176,8 @@ def glossy_regions(
     pixel = _some(problem, np.ones(problem.n_pixel, bool), N_REGION)
     sample = Sample.of(problem, pixel, noise).with_thresholds(shift)
     place = place_of(problem)
+    from scipy.spatial import cKDTree  # late: few scenes are glossy
+
     tree = cKDTree(place[pixel])
     usual = np.median(theta[pixel][near_to(place[pixel])], axis=1)  # a wrong lobe has spoilt single pixels
     costs = [sample.solve(usual, _glossy(sample, kind, *given))[0] for given in ((lobe[0], 0.0), lobe)]
@@ -257,6 +258,8 @@ def averaged(cost: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 def near_to(place: np.ndarray) -> np.ndarray:
     """Number those (n_pixel, n) that are nearest to each place (n_pixel, 2), itself included."""
+    from scipy.spatial import cKDTree  # late: few scenes are glossy
+
     return cKDTree(place).query(place, min(N_NEAR, len(place)))[1].reshape(len(place), -1)
 
 

@@ -33,7 +33,8 @@ RECIPES = {
     "metal": recipes.rough_metal,  # the same of metal
     "learn": recipes.refine,  # go on from there
     "sketch": recipes.sketch,  # events have changed a little, and may again
-    "touch": recipes.touch,  # the same, as well as is needed to see how photoreceptors lag
+    "search": recipes.search,  # as well as is needed to see how photoreceptors lag
+    "touch": recipes.touch,  # events have changed a little, else the same
     "again": recipes.after_events,  # events have changed a little
     "light": recipes.after_light,  # light has changed
     "model": recipes.after_model,  # the surface's model has changed

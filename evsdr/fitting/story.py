@@ -152,12 +152,11 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
 def retell(world: World, solve: Decoder, progress: Progress) -> Fitted:
     """Fit other pixels under what is believed."""
     matt, gloss = replace(world, gloss=None), world.gloss
-    purpose = "metal" if world.metal else "rough" if world.terms.thorough else "whole"
-    fitted = solve(matt.problem(), None, purpose, progress)
+    first = "metal" if world.metal else "search" if world.lag else "whole"
+    fitted = solve(matt.problem(), None, first, progress)
     if world.lag:
-        seen = solve(matt.problem(fitted), fitted, "touch", progress)
-        fitted = replace(seen, problem=fitted.problem)
-    if world.terms.thorough:
+        fitted = replace(solve(matt.problem(fitted), fitted, "touch", progress), problem=fitted.problem)
+    if first != "whole":
         fitted = solve(matt.problem(fitted), fitted, "again" if world.lag else "learn", progress)
     if world.light_follows_fit:
         matt, fitted, _ = settle(matt, matt.illumination(), fitted, solve, progress)

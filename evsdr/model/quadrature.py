@@ -1,7 +1,6 @@
 """Spectra of the LEDs: bands, and Gauss quadrature of what the camera sees of them."""
 
 import numpy as np
-from scipy.optimize import nnls
 
 # Mitsuba's spectral range, finer than any LED.
 WAVELENGTH_NM = np.arange(360.0, 830.5, 0.5)
@@ -144,6 +143,8 @@ def quadrature_for(
     for row, value in moments[: n_node - len(rows)]:
         rows.append(row)
         sought.append(value)
+    from scipy.optimize import nnls  # late: many scenes need no quadrature
+
     weight, _ = nnls(np.array(rows), np.array(sought))
     chosen = np.argsort(-weight)[:n_node]
     chosen = np.sort(chosen)

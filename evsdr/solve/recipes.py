@@ -145,6 +145,11 @@ def quick(effort: Effort) -> tuple[Stage, ...]:
     return (*steps, *last, PixelNoise(PAIRS, None), Neighbours(None, PAIRS))
 
 
+def search(effort: Effort) -> tuple[Stage, ...]:
+    """Start from nothing; go as far as is needed to see what light photoreceptors lag in."""
+    return (*searched(effort), PixelNoise(PAIRS, None), Neighbours(None, PAIRS))
+
+
 def touch(effort: Effort) -> tuple[Stage, ...]:
     """Follow events that have changed a little, as well as is needed to see what light photoreceptors lag in."""
     return Descend(MOST, effort.tolerance), PixelNoise(PAIRS, None), Neighbours(None, PAIRS)

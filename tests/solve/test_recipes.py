@@ -33,8 +33,9 @@ def test_a_rough_start_hears_no_neighbours():
     assert isinstance(stages[-2], PixelNoise) and stages[-1].priors is None
 
 
-def test_a_touch_follows_early_events_and_hears_no_neighbours():
-    stages = recipes.touch(Effort())
+@pytest.mark.parametrize("recipe", [recipes.touch, recipes.search])
+def test_what_shows_how_photoreceptors_lag_hears_early_events_and_no_neighbours(recipe):
+    stages = recipe(Effort())
     assert not any(isinstance(stage, AllPairs) for stage in stages) and stages[-1].priors is None
 
 
