@@ -65,7 +65,9 @@ def record_ideal(signal: np.ndarray, constant_light: float, log: RingLog, seed: 
     return evsdr.record(signal, constant_light, PIXEL, schedule, log.n_round, seed)
 
 
-def close_loop(folder: Path, file: Path, size: int, slot_us: int, rounds: int, n_seed: int = 3) -> Errors:
+def close_loop(
+    folder: Path, file: Path, size: int, slot_us: int, rounds: int, n_seed: int = 3, preset: str = "balanced"
+) -> Errors:
     """Run the ring, record a scene under it, fit the events; the same with an ideal schedule.
 
     The means are over `n_seed` draws of the pixels' noise.
@@ -75,7 +77,7 @@ def close_loop(folder: Path, file: Path, size: int, slot_us: int, rounds: int, n
     trace, log = drive(folder, slot_us, rounds)
 
     def angle(recording: Recording) -> float:
-        found = evsdr.fit(scene, recording, Settings(thresholds="known"))
+        found = evsdr.fit(scene, recording, Settings(preset=preset, thresholds="known"))
         return evsdr.score(found.maps, truth)["mae_deg"]
 
     light = scene.constant_light

@@ -25,11 +25,11 @@ def test_manual_camera_asks(tmp_path):
 def test_manual_camera_waits_for_the_file_to_be_complete(tmp_path):
     path = tmp_path / "a.raw"
     path.write_bytes(b"old")
-    camera = ManualCamera(path, lambda text: "", quiet_s=0.2)
+    camera = ManualCamera(path, lambda text: "", quiet_s=0.5)
     camera.start(tmp_path / "recording.raw")
 
     def grow():
-        time.sleep(0.3)  # longer than a complete file is quiet
+        time.sleep(0.7)  # longer than a complete file is quiet
         for size in (10, 20, 30, 40):
             time.sleep(0.05)
             path.write_bytes(bytes(size))

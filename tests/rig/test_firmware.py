@@ -264,6 +264,6 @@ def test_host_that_dies_leaves_the_ring_dark(tmp_path):
 def test_from_the_host_to_normals(tmp_path):
     from experiments.bench.loop import close_loop
 
-    error = close_loop(tmp_path, REPOSITORY / "scenes" / "sphere.xml", 32, 10_000, 4, n_seed=2)
+    error = close_loop(tmp_path, REPOSITORY / "scenes" / "sphere.xml", 32, 10_000, 4, 2, "fast")
     assert error.ideal_deg < 0.5
     assert error.ring_deg <= 1.1 * error.ideal_deg
