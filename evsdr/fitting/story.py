@@ -72,46 +72,20 @@ KEPT = 0.5  # of the pixels that are known, at least, when what they share was i
 FAR = 2.0  # limits by which better maps must turn normals, by what pixels share, to be worth another fit; guessed
 
 
-def fit_recording(
+def world_of(
     ring: RingScene,
     recording: Recording,
     settings: Settings,
     wanted: np.ndarray | str | Path | None,
     stages: Seconds,
-) -> Fit:
-    """Fit a recording of a scene; arguments as of `entrance.fit`, whose work this is."""
+) -> World:
+    """Believe what scene and recording tell, once they are checked; arguments as of `entrance.fit`."""
     check_fit(ring, recording, settings)
     ring, recording = as_recorded(ring, recording)
     terms = terms_of(settings)
     with stages.stage("trace light"):
         _, coverage = trace_illumination(ring, TRIAL_RAYS, False, terms.seed)
-        world = World.before_a_fit(ring, recording, object_mask(ring, coverage, wanted), terms)
-    tiles = tiles_of(world.mask, recording.events) if terms.solver == "lm" else []
-    check_room(recording, world.mask if not tiles else largest(tiles, world))
-    part = telling(world) if tiles else world
-    believed, fitted, solve, notes = believe(part, settings, stages)
-    if tiles:
-        world = replace(believed, mask=world.mask)
-        with stages.stage("signals"):
-            signals, misfit = None, solve.misfit(fitted)
-        with stages.stage("tiles") as advance:
-            fitted = solve_tiles(world, tiles, fitted, partial(retell, solve=solve, progress=advance))
-    else:
-        world = believed
-        with stages.stage("signals"):
-            signals, misfit = solve.signals(fitted), solve.misfit(fitted)
-    stopped = stages.enough
-    world, _ = decide("last", world, fitted, settings)
-    fitted = replace(fitted, maps=paid(widened(fitted.maps, world.decisions), world.decisions))
-    with stages.stage("surface"):
-        depth = world.surface.depth(fitted) if fitted.maps.mask.any() else None
-        surface = world.surface.files(depth, fitted.maps) if depth else {}
-    geometry.check_pieces(world)
-    geometry.check_normals(world, fitted.maps)
-    verdict = judge(world, fitted, stopped)
-    said = {"verdict": str(verdict), "stopped": stopped, "misfit": misfit}
-    summary = report.summarise(world, settings, fitted, notes) | world.surface.told() | said
-    return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface, depth, signals)
+        return World.before_a_fit(ring, recording, object_mask(ring, coverage, wanted), terms)
 
 
 def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, Fitted, Decoder, dict]:
@@ -147,6 +121,39 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
                 fitted = solve(world.problem(fitted), fitted, "model", advance)
                 world, fitted = share_anew(told, world, fitted, settings, solve, advance)
     return world, fitted, solve, notes
+
+
+def fit_recording(
+    ring: RingScene,
+    recording: Recording,
+    settings: Settings,
+    wanted: np.ndarray | str | Path | None,
+    stages: Seconds,
+) -> Fit:
+    """Fit a recording of a scene; arguments as of `entrance.fit`, whose work this is."""
+    world = world_of(ring, recording, settings, wanted, stages)
+    tiles = tiles_of(world.mask, world.recording.events) if settings.solver == "lm" else []
+    check_room(world.recording, largest(tiles, world) if tiles else world.mask)
+    part = telling(world) if tiles else world
+    believed, fitted, solve, notes = believe(part, settings, stages)
+    believed, _ = decide("last", believed, fitted, settings)
+    with stages.stage("signals"):
+        signals, misfit = None if tiles else solve.signals(fitted), solve.misfit(fitted)
+    world = replace(believed, mask=world.mask)
+    if tiles:
+        with stages.stage("tiles") as advance:
+            fitted = solve_tiles(world, tiles, fitted, partial(retell, solve=solve, progress=advance))
+    stopped = stages.enough
+    fitted = replace(fitted, maps=paid(widened(fitted.maps, world.decisions), world.decisions))
+    with stages.stage("surface"):
+        depth = world.surface.depth(fitted) if fitted.maps.mask.any() else None
+        surface = world.surface.files(depth, fitted.maps) if depth else {}
+    geometry.check_pieces(world)
+    geometry.check_normals(world, fitted.maps)
+    verdict = judge(world, fitted, stopped)
+    said = {"verdict": str(verdict), "stopped": stopped, "misfit": misfit}
+    summary = report.summarise(world, settings, fitted, notes) | world.surface.told() | said
+    return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface, depth, signals)
 
 
 def retell(world: World, solve: Decoder, progress: Progress) -> Fitted:
