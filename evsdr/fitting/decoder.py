@@ -19,12 +19,12 @@ from evsdr.solve.loop import solve as run
 from evsdr.solve.measured import measure_signals
 from evsdr.solve.pair_data import thin
 from evsdr.solve.problem import Problem
-from evsdr.solve.solution import STEPS_USED_UP, Solution
+from evsdr.solve.solution import STEPS_USED_UP, Data, Solution
 from evsdr.solve.unknowns import first_theta, to_theta
 
 DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
 PUBLISHED_ROBUST = 3.0  # the same of the published decoder; measured: at 1 it loses all contrast
-# Of which signals are measured: more take long and no page holds them
+# Of which signals are measured, and LEDs: of more, pixels in the middle for as much work
 MOST_SIGNALS, MOST_LEDS = 4_000_000, 64
 # Recipes by what a solve is for
 RECIPES = {
@@ -80,14 +80,20 @@ class Decoder:
         """Say where the events are explained less well than elsewhere, see `misfit.explain_misfit`."""
         return explain_misfit(fitted, choose_effort(self.settings).width(self.thresholds))
 
-    def signals(self, fitted: Fitted) -> Signals | None:
-        """Ask the events what each LED gives each pixel; None where these are too many to look at."""
-        problem, light = fitted.problem, fitted.problem.illumination
-        if problem.n_pixel * light.n_led > MOST_SIGNALS or light.n_led > MOST_LEDS:
-            return None
-        width = choose_effort(self.settings).width(self.thresholds)
-        data = data_of(problem.model, problem.pairs, light.constant_light, problem.grid, width)
-        return measure_signals(data, fitted.solution, problem.pixel)
+    def signals(self, fitted: Fitted) -> Signals:
+        """Ask the events what each LED gives each pixel, or some where all are too many."""
+        problem, n_led = fitted.problem, fitted.problem.illumination.n_led
+        most = int(MOST_SIGNALS / n_led * min(1, (MOST_LEDS / n_led) ** 2))
+        return measure_signals(self._data(problem), fitted.solution, problem.pixel, max(most, 1))
+
+    def alone(self, fitted: Fitted) -> np.ndarray:
+        """Give the covariances that maps would have if neighbours told nothing."""
+        data = self._data(fitted.problem)
+        return run(data, recipes.measure(), resume(data, fitted.solution)).covariance
+
+    def _data(self, problem: Problem) -> Data:
+        width, veil = choose_effort(self.settings).width(self.thresholds), problem.illumination.constant_light
+        return data_of(problem.model, problem.pairs, veil, problem.grid, width)
 
     def fitted(self, problem: Problem, solution: Solution, values: tuple | None = None) -> Fitted:
         """Lay a solution out as maps; `values` are normals and reflectances that stand as they are."""

@@ -13,10 +13,9 @@ KNOWN_SIGMA_DEG = 30.0  # a normal known worse than this is not known
 # Of the logarithm of what all bands have in common: a scale known worse than this is not known. Data then give nine tenths
 # of what is said of it (derived: its weak prior has 1.3)
 KNOWN_SCALE = 0.4
-# What the model leaves out, and neighbours share, so that priors don't average it: degrees, share of reflectance; and the
-# same, times the squared turn of the normal over a pixel [rad]. Measured by experiments.sigma: with half of them a third of
-# the errors of spheres, reliefs and bumpy meshes were within one sigma, with twice as much nearly all
-MODEL_NORMAL_DEG, MODEL_REFLECTANCE = 0.05, 0.02
+# What pixels with one normal leave out of a curved surface: radians, and share of reflectance, times the squared turn of the
+# normal over a pixel [rad]. Measured by experiments.sigma: with half of them a third of the errors of spheres, reliefs and bumpy
+# meshes were within one sigma, with twice as much nearly all
 CURVED_NORMAL, CURVED_REFLECTANCE = 0.2, 1.0
 
 
@@ -40,11 +39,12 @@ def assemble_maps(
     """
     theta = solution.theta.astype(float)
     normal, reflectance = values or (to_normal(theta), np.exp(theta[:, 2:]))
-    sigma = normal_sigma_deg(theta[:, 0], theta[:, 1], solution.covariance[:, :2, :2])
-    variance = np.diagonal(solution.covariance, axis1=1, axis2=2)
+    covariance = solution.covariance + (0 if solution.model_error is None else solution.model_error)
+    sigma = normal_sigma_deg(theta[:, 0], theta[:, 1], covariance[:, :2, :2])
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
     turn = normal_turn(normal, problem.grid.mask)
-    sigma = np.sqrt(sigma**2 + MODEL_NORMAL_DEG**2 + np.degrees(CURVED_NORMAL * turn**2) ** 2)
-    relative = variance[:, 2:] + (MODEL_REFLECTANCE**2 + (CURVED_REFLECTANCE * turn**2) ** 2)[:, None]
+    sigma = np.hypot(sigma, np.degrees(CURVED_NORMAL * turn**2))
+    relative = variance[:, 2:] + np.square(CURVED_REFLECTANCE * turn**2)[:, None]
     reflectance_sigma = reflectance * np.sqrt(np.maximum(relative, 0))
     if ring.constant_light == 0:
         scale = 1 / reflectance.max(axis=1, keepdims=True)

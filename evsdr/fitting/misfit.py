@@ -80,5 +80,10 @@ def in_words(pairs: Slotted, where: dict[str, np.ndarray], noise: float) -> str:
     return f"{said}; they are larger " + ", ".join(name for _, name in sorted(found, reverse=True))
 
 
+def in_common(share: float) -> str:
+    """Say what residuals of neighbouring pixels have in common, see `solve.discrepancy`."""
+    return f"what neighbouring pixels have in common of them is {share:.2g} of the noise of a pixel, and sigmas count it"
+
+
 def _root(square: float) -> float:
     return float(np.sqrt(max(square, 0)))

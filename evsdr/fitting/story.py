@@ -29,6 +29,7 @@ from evsdr.fitting import report
 from evsdr.fitting.checks import as_recorded, check_fit, check_room, object_mask
 from evsdr.fitting.decoder import Decoder, start_normals
 from evsdr.fitting.entrance import SOLVE, Fit
+from evsdr.fitting.model_error import with_model_error
 from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
 from evsdr.fitting.settling import settle
@@ -88,8 +89,13 @@ def world_of(
         return World.before_a_fit(ring, recording, object_mask(ring, coverage, wanted), terms)
 
 
-def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, Fitted, Decoder, dict]:
-    """Decide on all effects, and fit; gives what is believed, the fit, what solves under it, and notes for the summary."""
+def believe(
+    world: World, settings: Settings, stages: Seconds
+) -> tuple[World, Fitted, Fitted, Decoder, dict]:
+    """Decide on all effects, and fit.
+
+    Gives what is believed, the fit, the one before lobes were put in, what solves under it, and notes for the summary.
+    """
     with stages.stage("pair events"):
         world.pairs()
     with stages.stage("check recording"):
@@ -114,13 +120,14 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
         if changed:
             fitted = solve(world.problem(fitted), fitted, "light", advance)
+    matt = fitted
     with stages.stage("residuals") as advance:
         for _ in range(2):
             world, changed = decide("settled", world, fitted, settings, advance)
             if changed:
                 fitted = solve(world.problem(fitted), fitted, "model", advance)
                 world, fitted = share_anew(told, world, fitted, settings, solve, advance)
-    return world, fitted, solve, notes
+    return world, fitted, matt, solve, notes
 
 
 def fit_recording(
@@ -135,10 +142,10 @@ def fit_recording(
     tiles = tiles_of(world.mask, world.recording.events) if settings.solver == "lm" else []
     check_room(world.recording, largest(tiles, world) if tiles else world.mask)
     part = telling(world) if tiles else world
-    believed, fitted, solve, notes = believe(part, settings, stages)
+    believed, fitted, matt, solve, notes = believe(part, settings, stages)
     believed, _ = decide("last", believed, fitted, settings)
     with stages.stage("signals"):
-        signals, misfit = None if tiles else solve.signals(fitted), solve.misfit(fitted)
+        fitted, signals, misfit = with_model_error(believed, fitted, matt, solve)
     world = replace(believed, mask=world.mask)
     if tiles:
         with stages.stage("tiles") as advance:
@@ -153,7 +160,9 @@ def fit_recording(
     verdict = judge(world, fitted, stopped)
     said = {"verdict": str(verdict), "stopped": stopped, "misfit": misfit}
     summary = report.summarise(world, settings, fitted, notes) | world.surface.told() | said
-    return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface, depth, signals)
+    whole = len(signals.pixel) == fitted.problem.n_pixel
+    shown = signals if whole and not tiles else None
+    return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface, depth, shown)
 
 
 def retell(world: World, solve: Decoder, progress: Progress) -> Fitted:
@@ -168,10 +177,11 @@ def retell(world: World, solve: Decoder, progress: Progress) -> Fitted:
     if world.light_follows_fit:
         matt, fitted, _ = settle(matt, matt.illumination(), fitted, solve, progress)
         fitted = solve(matt.problem(fitted), fitted, "light", progress)
+    before = fitted
     if gloss:
         glossy = replace(matt, gloss=gloss.commonest(fitted.problem.n_pixel))
         fitted = solve(glossy.problem(fitted), fitted, "model", progress)
-    return fitted
+    return with_model_error(world, fitted, before, solve)[0]
 
 
 def terms_of(settings: Settings) -> Terms:

@@ -20,7 +20,7 @@ from evsdr.threads import N_CHUNK, in_chunks
 PRIOR = 1.0  # precision of x: what no event tells has a standard deviation of 1, a factor of e
 
 
-def measure_signals(data: Data, solution: Solution, pixel: np.ndarray) -> Signals:
+def measure_signals(data: Data, solution: Solution, pixel: np.ndarray, most: int | None = None) -> Signals:
     """Ask the events of each pixel what each LED gives it.
 
     Parameters
@@ -31,16 +31,20 @@ def measure_signals(data: Data, solution: Solution, pixel: np.ndarray) -> Signal
         Where light is known nearly.
     pixel : (n_pixel,) int
         Where the pixels lie in the image.
+    most : int, optional
+        Pixels that are asked: those in the middle.
     """
     light = data.model.illumination
     constant_light = float(data.constant_light[0])
     total = light_of(data, solution)
     n_pixel, n_light = total.shape
+    asked = n_pixel if most is None else min(most, n_pixel)
+    part = slice((n_pixel - asked) // 2, (n_pixel + asked) // 2)
     change, sigma = np.zeros((2, n_pixel, n_light), np.float32)
     residual = np.zeros(n_pixel, np.float32)
     pairs, slot_leds, thresholds = _told(data.pairs, solution)
     noise = solution.noise * solution.noise_factor.astype(np.float64)
-    bound = np.linspace(0, n_pixel, N_CHUNK + 1).astype(np.int64)
+    bound = np.linspace(part.start, part.stop, N_CHUNK + 1).astype(np.int64)
     given = pairs, slot_leds, thresholds, total, noise, float(data.robust)
 
     def work(chunk):
@@ -49,12 +53,12 @@ def measure_signals(data: Data, solution: Solution, pixel: np.ndarray) -> Signal
     in_chunks(work)
     direction = np.array([[np.mean(c.numpy()) for c in d] for d in light.direction], float)
     return Signals(
-        pixel=pixel,
-        modelled=total[:, :-1].astype(np.float32),
-        change=change[:, :-1],
-        sigma=sigma[:, :-1],
-        residual=residual,
-        count=pairs[1],
+        pixel=pixel[part],
+        modelled=total[part, :-1].astype(np.float32),
+        change=change[part, :-1],
+        sigma=sigma[part, :-1],
+        residual=residual[part],
+        count=pairs[1][part],
         band=np.array(light.band),
         direction=direction / np.linalg.norm(direction, axis=1, keepdims=True),
         constant_light=constant_light,

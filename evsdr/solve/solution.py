@@ -9,7 +9,15 @@ from evsdr.solve.pair_data import PairData
 from evsdr.solve.unknowns import Unknowns
 
 SETTLED, STEPS_USED_UP, NO_INFORMATION = "settled", "steps used up", "no information"
-OF_PIXEL = "theta", "covariance", "cost", "noise_factor", "threshold_gain", "threshold_gain_sigma"
+OF_PIXEL = (
+    "theta",
+    "covariance",
+    "cost",
+    "noise_factor",
+    "threshold_gain",
+    "threshold_gain_sigma",
+    "model_error",
+)
 
 
 @dataclass(frozen=True)
@@ -149,6 +157,8 @@ class Solution:
         Scales of the priors that counted, see `neighbours.posterior.Posterior`.
     curved : bool
         Whether the horizon was as soft as the surface is curved within a pixel.
+    model_error : (n_pixel, 2 + n_band, 2 + n_band) float, optional
+        Covariance beside that of events and priors, see `fitting.model_error`.
     """
 
     theta: np.ndarray
@@ -164,6 +174,7 @@ class Solution:
     threshold_prior: tuple | None = None
     prior_scale: dict = field(default_factory=dict)
     curved: bool = False
+    model_error: np.ndarray | None = None
 
     def at(self, row: np.ndarray) -> "Solution":
         """Keep some pixels (n,) int."""

@@ -5,9 +5,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import mitsuba as mi
+import numpy as np
 import pytest
 
-from evsdr.effects.gloss import GlossyLobes, find_gloss
+from evsdr.effects.gloss import LOBE_ERROR, GlossyLobes, find_gloss, lobe_error
 from evsdr.effects.world import Terms
 from tests.support.glossy import KINDS, mean_error, sphere
 from tests.support.sphere import solve
@@ -71,3 +72,11 @@ def test_when_no_gloss_is_looked_for(asked, terms, words):
     assert not decision.modelled and words in decision.why
     world.decisions["gloss"] = decision
     assert GlossyLobes().decide(asked, world, None) is None
+
+
+def test_lobes_of_another_form_leave_a_share_of_what_gloss_does():
+    change = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, -0.1]])
+    found = lobe_error(change)
+    assert not found[0].any()
+    np.testing.assert_allclose(np.sqrt(np.diagonal(found[1])), LOBE_ERROR * np.abs(change[1]))
+    assert found[1, 0, 2] < 0

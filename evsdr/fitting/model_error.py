@@ -1,0 +1,43 @@
+"""What the model's own errors leave open of the maps, from what the events show of them."""
+
+from dataclasses import replace
+
+from evsdr.effects.gloss import lobe_error
+from evsdr.effects.world import Fitted, World
+from evsdr.fitting.decoder import Decoder
+from evsdr.fitting.misfit import in_common
+from evsdr.records import Signals
+from evsdr.solve.discrepancy import common_share, noise_of
+
+
+def with_model_error(
+    world: World, fitted: Fitted, matt: Fitted, solve: Decoder
+) -> tuple[Fitted, Signals, str]:
+    """Let sigmas count what residuals of neighbours have in common, and what lobes of another form leave.
+
+    Parameters
+    ----------
+    world : World
+        What is believed.
+    fitted, matt : Fitted
+        The fit, and the one before lobes were put in.
+    solve : Decoder
+        What solves under it.
+
+    Returns
+    -------
+    fitted : Fitted
+    signals : Signals
+        See `Decoder.signals`.
+    said : str
+        Where the fit explains the events less well than elsewhere, and what neighbours have in common, in words.
+    """
+    signals, problem, solution = solve.signals(fitted), fitted.problem, fitted.solution
+    share, common = common_share(signals, problem.grid.mask, fitted.maps.mask)
+    said = f"{solve.misfit(fitted)}; {in_common(common)}"
+    if solve.settings.solver == "adam":  # its maps stand as they are
+        return fitted, signals, said
+    error = share[:, None, None] * noise_of(solve.alone(fitted))
+    if world.gloss is not None:
+        error += lobe_error(solution.theta - matt.solution.theta)
+    return solve.fitted(problem, replace(solution, model_error=error)), signals, said
