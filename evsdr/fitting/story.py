@@ -89,9 +89,7 @@ def world_of(
         return World.before_a_fit(ring, recording, object_mask(ring, coverage, wanted), terms)
 
 
-def believe(
-    world: World, settings: Settings, stages: Seconds
-) -> tuple[World, Fitted, Fitted, Decoder, dict]:
+def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, Fitted, Fitted, Decoder, dict]:
     """Decide on all effects, and fit.
 
     Gives what is believed, the fit, the one before lobes were put in, what solves under it, and notes for the summary.
