@@ -6,6 +6,7 @@ import drjit as dr
 import numpy as np
 
 from evsdr.model.arrays import owned, picked
+from evsdr.progress import Progress
 from evsdr.solve.grid import make_grid, nearest
 from evsdr.solve.pair_data import room_for
 from evsdr.solve.solution import Data, State
@@ -17,24 +18,33 @@ LARGEST = 4  # pixels from one to the next; guessed: textures must show in them
 
 @dataclass(frozen=True)
 class Coarse:
-    """Run stages on every few pixels of the image; the others take over what the nearest of them found.
+    """Run stages on every few pixels of the image where there are many; the others take over what the nearest of them found.
 
     Attributes
     ----------
     stages : tuple of Stage
         They must not change which pairs count.
+    follow : tuple of Stage
+        What all pixels then go through, if few were searched.
     """
 
     stages: tuple[Stage, ...]
+    follow: tuple[Stage, ...] = ()
     name: str = "search"
 
     def __call__(self, data, state, progress):
         every = min(int(np.sqrt(dr.width(state.theta[0]) / ENOUGH)), LARGEST)
         few = (data, state) if every < 2 else thinned(data, state, every)
-        some = few[1]
-        for stage in self.stages:
-            some = stage(few[0], some, progress)
-        return some if every < 2 else spread_out(data, state, some, every)
+        some = _passed(self.stages, *few, progress)
+        if every < 2:
+            return some
+        return _passed(self.follow, data, spread_out(data, state, some, every), progress)
+
+
+def _passed(stages: tuple[Stage, ...], data: Data, state: State, progress: Progress) -> State:
+    for stage in stages:
+        state = stage(data, state, progress)
+    return state
 
 
 def lattice(mask: np.ndarray, every: int) -> np.ndarray:

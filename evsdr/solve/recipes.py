@@ -74,7 +74,7 @@ def searched(effort: Effort) -> tuple[Stage, ...]:
     """Search from nothing, on every few pixels where there are many; then all follow."""
     search = Descend(MOST, effort.tolerance, effort.tuning.softness, FIRST_NOISE)
     follow = Descend(MOST, effort.tolerance), Starts(min(effort.tuning.n_sweep, 1), 3, effort.tolerance)
-    return (Coarse((search, *descend_and_start(effort))), *follow)
+    return (Coarse((search, *descend_and_start(effort)), follow),)
 
 
 def rough_metal(effort: Effort) -> tuple[Stage, ...]:
