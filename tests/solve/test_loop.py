@@ -103,7 +103,7 @@ def test_pixels_without_pairs_are_no_information(small):
 def test_history_tells_the_stages(small):
     solution = solve(small[0], ALONE)
     names = [passed.stage for passed in solution.history]
-    assert names[:2] == ["descent"] * 2 and names[-2:] == ["noise", "neighbours"]
+    assert names[:2] == ["search", "all events"] and names[-2:] == ["noise", "neighbours"]
     assert sum(passed.steps for passed in solution.history) == solution.n_step
     assert all(passed.seconds >= 0 for passed in solution.history)
     costs = [p.mean_cost for p in solution.history if p.stage in ("refinement", "soft horizon")]
