@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from evsdr.model.arrays import owned
-from evsdr.solve.threshold_spread import SMALLEST_SPREAD, first_spread, learn_spread
+from evsdr.solve.threshold_spread import FIRST_SIGMA, SMALLEST_SPREAD, first_spread, learn_spread
 
 N, N_UNKNOWN = 3000, 4
 
 
-def pixels(rng, mean, spread, sigma, pull=0.3):
+def pixels(rng, mean, spread, sigma, pull=FIRST_SIGMA[0]):
     """Posterior means, gradients there and matrices of pixels whose data know log thresholds to sigma, of all or of each."""
     centre, sigma = np.zeros(2), np.broadcast_to(sigma, N)[:, None]
     hidden = rng.normal(mean, spread, (N, 2))
