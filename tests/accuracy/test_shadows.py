@@ -119,7 +119,7 @@ def test_a_forgotten_pole_is_found(recorded, tmp_path):
     )  # it believes the shape
     auto, _ = run(folder, tmp_path, text, *mask, "--preset", "balanced")
     assert auto["model"]["cast shadows"].startswith("found: ")
-    assert auto["mae_deg"] < 0.7 * off["mae_deg"]
+    assert auto["mae_deg"] < 0.75 * off["mae_deg"]
 
 
 def test_surface_is_written(recorded, tmp_path):
