@@ -29,7 +29,7 @@ LEAST_SHARE = 0.45  # of the pixels near a half vector that have a lobe; measure
 N_REGION = 3000  # pixels that tell where lobes are
 MATT_COST = 0.3  # in log likelihood that a lobe must cost pixels that have none; guessed
 NEAR_DEG = 25.0  # from a half vector: where a lobe shows
-MOST_SHIFT = 0.5  # of the logarithm of all thresholds
+MOST_SHIFT = 0.5  # of the logarithm of all thresholds; guessed
 KIND_SIGMA = np.array([0.5, 1.0])  # of log shape and log strength of the kinds of one scene
 
 

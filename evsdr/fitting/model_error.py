@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from evsdr.effects.gloss import lobe_error
 from evsdr.effects.world import Fitted, World
 from evsdr.fitting.decoder import Decoder
@@ -40,4 +42,4 @@ def with_model_error(
     error = share[:, None, None] * noise_of(solve.alone(fitted))
     if world.gloss is not None:
         error += lobe_error(solution.theta - matt.solution.theta)
-    return solve.fitted(problem, replace(solution, model_error=error)), signals, said
+    return solve.fitted(problem, replace(solution, model_error=error.astype(np.float32))), signals, said

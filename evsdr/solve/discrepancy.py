@@ -13,7 +13,7 @@ from scipy import ndimage
 from evsdr.records import Signals
 from evsdr.solve.unknowns import weak_prior
 
-TOLD = 0.5  # standard deviation of log light from which events tell of an LED
+TOLD = 0.5  # standard deviation of log light from which events tell of an LED; guessed
 WINDOW = 7  # pixels over which neighbours are compared; measured: 5 alike
 FEW = 60  # pairs of neighbours that count for what is true of all; measured: 30 alike
 BESIDE = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps (row, column) to neighbours

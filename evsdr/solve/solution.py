@@ -157,7 +157,7 @@ class Solution:
         Scales of the priors that counted, see `neighbours.posterior.Posterior`.
     curved : bool
         Whether the horizon was as soft as the surface is curved within a pixel.
-    model_error : (n_pixel, 2 + n_band, 2 + n_band) float, optional
+    model_error : (n_pixel, 2 + n_band, 2 + n_band) float32, optional
         Covariance beside that of events and priors, see `fitting.model_error`.
     """
 

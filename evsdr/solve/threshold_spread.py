@@ -6,7 +6,7 @@ import numpy as np
 from evsdr.solve import triangles
 
 # Of the logarithm of unknown thresholds, before the pixels tell: of the mean, and over the pixels. With 0.3 of the latter thresholds
-# take up gloss, and of some sculptures half of the contrast (29 degrees; 2.4 with 0.1); cameras' mismatch is a few percent
+# take up gloss, and of a sculpture of experiments.table1 half of the contrast (29 degrees; 2.4 with 0.1)
 MEAN_SIGMA, FIRST_SIGMA = (0.3, 0.3), (0.1, 0.1)
 SMALLEST_SPREAD = 0.003  # of the logarithm over the pixels: less is one value for all
 MOVING_SPREAD = 0.03  # the least of that until the mean is found: less would hold it

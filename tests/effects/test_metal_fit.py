@@ -14,7 +14,9 @@ def test_metal_is_found_with_its_roughness(roughness):
     problem, _ = metal_sphere(roughness)
     evidence = metal_evidence(problem, True)
     assert evidence.is_clear and evidence.z > 5
-    assert 0.5 < evidence.roughness / roughness < 2  # of those that are tried, which lie apart; `refine_roughness` mends it
+    assert (
+        0.5 < evidence.roughness / roughness < 2
+    )  # of those that are tried, which lie apart; `refine_roughness` mends it
 
 
 @pytest.mark.parametrize("lobes", [[], [KINDS[1]]])

@@ -59,6 +59,22 @@ def test_an_eleventh_effect(given, place, monkeypatch):
     assert error < 0.5 * before
 
 
+def test_what_pixels_share_is_inferred_anew_under_a_lobe(given, monkeypatch):
+    """A matt fit takes gloss for other thresholds and times."""
+    asked, decide = [], story.decide
+
+    def listened(when, world, *rest):
+        asked.append((when, world.gloss is not None, world.lag, world.aim))
+        return decide(when, world, *rest)
+
+    monkeypatch.setattr(story, "decide", listened)
+    evsdr.fit(*given, replace(FAST, gloss="lobe"))
+    assert ("alone", True, None, None) in asked  # from what is told, under the lobe
+    asked.clear()
+    evsdr.fit(*given, FAST)
+    assert asked and not any(glossy for _, glossy, *_ in asked)
+
+
 def test_every_effect_is_decided_on_and_reported(given):
     found = evsdr.fit(*given, FAST)
     assert set(found.decisions) == set(found.summary["effects"]) == ALL

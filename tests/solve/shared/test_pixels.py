@@ -7,11 +7,14 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from evsdr.model.arrays import owned
+from evsdr.model.gloss import RoughCoating
 from evsdr.model.lambert import signals_of
 from evsdr.solve.shared.pixels import (
     FEWEST_EVENTS,
     SHORTEST,
     choose,
+    collect,
     is_far,
     stirred_values,
     turned,
@@ -78,6 +81,19 @@ def test_signals_are_those_of_the_model_times_the_powers(case):
     np.testing.assert_allclose(dark[:, 0][lit], expected[lit], rtol=1e-3)
     bright = case.pixels.signals(theta, replace(case.told, log_power=np.linspace(-0.2, 0.2, N_LED)))
     np.testing.assert_allclose(bright, dark * np.exp(np.linspace(-0.2, 0.2, N_LED)), rtol=1e-6)
+
+
+def test_signals_have_the_lobes_of_a_glossy_problem(case):
+    """Of one strength to the left, of another to the right."""
+    n, theta = case.problem.n_pixel, case.solution.theta
+    lobe = RoughCoating(mi.Float(0.3), owned(mi.Float, np.linspace(0.2, 2.0, n)))
+    glossy = replace(case.problem, lobe=lobe)
+    pixels = collect(case.recording, glossy, case.solution, case.row)
+    found = pixels.signals(theta[case.row].astype(float), case.told)[:, 0]
+    expected, matt = (signals_of(p.model, theta)[:N_LED, case.row].T for p in (glossy, case.problem))
+    lit = expected > 0.1
+    np.testing.assert_allclose(found[lit], expected[lit], rtol=1e-3)
+    assert np.max((expected - matt)[lit]) > 0.05
 
 
 def test_signals_follow_turned_leds_as_told(case):
