@@ -20,8 +20,8 @@ demo: .venv/.ready  ## simulate a recording of a sphere, recover its normals and
 test: .venv/.ready-test  ## run all tests, in two processes (JOBS=N)
 	$(PY) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
-benchmark: .venv/.ready-test  ## measure accuracy and speed
-	$(PY) -m experiments.benchmark
+benchmark: .venv/.ready-test  ## measure each stage; writes experiments/releases/VERSION.json
+	$(PY) -m experiments.benchmark release
 
 docs: .venv/.ready-docs  ## build the documentation, build/docs/index.html; GALLERY=0 leaves its scripts unrun
 	$(PY) -m sphinx -qW --keep-going -D plot_gallery=$(GALLERY) -d build/doctrees docs build/docs

@@ -42,6 +42,8 @@ class Sensor:
         Time after an event until the reference intensity is memorised anew [us].
     guessed : tuple of str
         Which of these the file does not tell.
+    contrast_threshold_tolerance : float
+        Relative standard deviation of thresholds that were measured pixel by pixel; 0 for those that are exact.
     """
 
     width: int
@@ -50,6 +52,7 @@ class Sensor:
     contrast_threshold_off: float | np.ndarray
     refractory_us: float
     guessed: tuple[str, ...] = ()
+    contrast_threshold_tolerance: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
-"""Measure the renderer and the solver.
+"""Measure the renderer, the solver, and what lies between files and maps.
 
+python -m experiments.benchmark release     # seconds of each stage, into a JSON of this release
 python -m experiments.benchmark ring        # one pass against one stock render per LED
 python -m experiments.benchmark gradients   # automatic against finite differences
 python -m experiments.benchmark presets     # seconds, memory and errors of whole fits
@@ -20,9 +21,10 @@ def main(argv: list[str] | None = None) -> int:
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    from . import fitting, gradients, one_pass  # they import Mitsuba
+    from . import fitting, gradients, one_pass, stages  # they import Mitsuba
 
     commands = {
+        "release": stages.report,
         "ring": one_pass.report,
         "gradients": gradients.report,
         "presets": fitting.report_presets,

@@ -12,12 +12,13 @@ from scipy.sparse import csr_array
 
 from evsdr.calibration.watched import Watched
 from evsdr.events.lead import TABLE
+from evsdr.solve.law import variance_of
 from evsdr.solve.noise import NOISE_RANGE
 from evsdr.solve.shared.kernel import ON, Terms, pixel_sums, slowest_of
 from evsdr.solve.shared.pixels import stirred_values
 from evsdr.solve.shared.posterior import ROBUST, SLOPE_TERM, agreeing
 from evsdr.solve.shared.rig import TIMES, Rig
-from evsdr.solve.threshold_spread import MEDIAN_OF_SQUARE, SMALLEST_SPREAD
+from evsdr.solve.threshold_spread import SMALLEST_SPREAD
 
 SENSOR = (*TIMES, "on", "off")  # unknowns after those of the model, as the kernel's columns
 POWER_OF_SLOT = np.array([-1, 0, 0, -1, -1, 1, 0, 0, 0])  # by which their us become slots
@@ -214,8 +215,8 @@ def learnt(parts: Sequence[Watched], belief: Belief, sums: Sums) -> Belief:
     """Learn scatter and spread from what remains, and which pixels are heard."""
     residual, variance = np.concatenate(sums.residual), np.concatenate(sums.variance)
     counts = np.isfinite(residual)
-    square = np.median(residual[counts] ** 2) / MEDIAN_OF_SQUARE - np.median(variance[counts])
-    scatter, spread = float(np.sqrt(max(square, NOISE_RANGE[0] ** 2))), belief.spread
+    square = variance_of(residual[counts], ROBUST, variance[counts], NOISE_RANGE[0] ** 2)
+    scatter, spread = float(np.sqrt(square)), belief.spread
     own = [
         (gains - belief.x[-2:]) ** 2 + left
         for part, gains, left in zip(parts, belief.gains, sums.left)

@@ -17,7 +17,7 @@ from evsdr.calibration import draw
 from evsdr.calibration.flicker import HOT_HZ, Flicker, is_flicker, read_flicker
 from evsdr.errors import InputError, InputWarning
 from evsdr.events.pairs import pair_events
-from evsdr.files.events_h5 import read_recording, write_recording
+from evsdr.files.events_h5 import TOLERANCE, read_recording, write_recording
 from evsdr.files.numbers import read_numbers
 from evsdr.progress import Progress, silent
 from evsdr.records import Recording, Schedule
@@ -297,15 +297,18 @@ def thresholds(
             group[f"contrast_threshold_{name}_sigma"] = one.sigma
             group[f"contrast_threshold_{name}_known"] = one.known
             group.attrs[f"contrast_threshold_{name}"] = float(np.mean(one.value))
+        tolerance = max(RECEPTOR, *(float(np.median(one.sigma / one.value)) for one in found.values()))
+        group.attrs[TOLERANCE] = tolerance
         group.attrs["refractory_us"] = recording.sensor.refractory_us
     for k, path in enumerate(apply):
         progress(f"write {path.name}", 0.6 + 0.4 * k / len(apply))
         other = read_recording(path)
         if (other.sensor.width, other.sensor.height) != (recording.sensor.width, recording.sensor.height):
             raise InputError(f"{path}: its sensor region differs from that of {events}; record both alike.")
-        sensor = replace(
-            other.sensor, contrast_threshold_on=found["on"].value, contrast_threshold_off=found["off"].value
-        )
+        values = {f"contrast_threshold_{name}": one.value for name, one in found.items()} | {
+            TOLERANCE: tolerance
+        }
+        sensor = replace(other.sensor, **values)
         write_recording(folder / path.name, replace(other, sensor=sensor))
     draw.draw_thresholds(folder / "residuals.png", found)
     result = {"events": str(events), "waveform": waveform, "period_us": period}

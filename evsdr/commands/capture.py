@@ -20,7 +20,9 @@ from evsdr.progress import Stages
 from evsdr.rig.camera import Camera, Control, open_camera
 from evsdr.rig.camera_settings import CameraSettings, parse_biases
 from evsdr.rig.capture import RECORDING, capture, run_to_end
-from evsdr.rig.driver import N_LED, Ring, RingSettings, find_port, flickering
+from evsdr.rig.driver import BLINK_US, N_LED, Ring, RingSettings, blinking, find_port, flickering
+
+FOCUS_ROUNDS = round(600e6 / (2 * BLINK_US))  # ten minutes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +50,9 @@ class Options(JoinOptions):
     flicker: bool = False
     """Instead of the ring, record its flicker, for `calibrate thresholds --waveform ring`: the first LED of the order fades
     out and in over the constant light, in slots of 0.4 s or more, for 20 rounds or more."""
+    focus: bool = False
+    """Instead of recording the ring, let the first LED of the order blink until Ctrl-C, ten minutes at most, beside a preview
+    which tells how sharp the picture is; nothing is joined."""
     camera: Control = "auto"
     """Who starts and stops the camera: the vendor's SDK, or you by hand; auto takes the SDK where it is
     installed."""
@@ -93,9 +98,13 @@ def record_and_join(options: Options, camera: Camera, open_ring: Callable[[], Ri
     )
     if options.flicker:
         settings = flickering(settings)
+    elif options.focus:
+        settings = replace(blinking(settings), rounds=FOCUS_ROUNDS)
     check_folder(options.out)
     with _preview(options, camera, settings):
         recording, log = capture(camera, open_ring, settings, options.out, _run)
+    if options.focus:
+        return
     try:
         join_files(recording, log, options.out / "events.h5", options)
     except InputError as error:
@@ -107,7 +116,7 @@ def record_and_join(options: Options, camera: Camera, open_ring: Callable[[], Ri
 
 def _preview(options: Options, camera: Camera, settings: RingSettings) -> AbstractContextManager:
     """Show the recording, if that is asked for."""
-    if not options.preview:
+    if not (options.preview or options.focus):
         return nullcontext()
     from evsdr.viewing.beside import beside, check_preview
 

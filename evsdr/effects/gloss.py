@@ -6,7 +6,7 @@ import drjit as dr
 import numpy as np
 
 from evsdr.effects.effect import Decision
-from evsdr.effects.gloss_fit import fit_gloss, gloss_evidence
+from evsdr.effects.gloss_fit import N_SAMPLE, fit_gloss, gloss_evidence
 from evsdr.effects.materials import sort_materials
 from evsdr.effects.world import Fitted, World
 from evsdr.light.camera import view_directions
@@ -20,6 +20,7 @@ NAME = "gloss"
 # Of what gloss does to a matt fit: lobes of materials are not quite of the form that is fitted. Measured on a sphere of another
 # diffuse base (scenes/glossy_sphere.xml) and on blobs of another lobe (experiments.table1)
 LOBE_ERROR = 0.15
+N_FEW = 120  # pixels that the preset fast asks for gloss; measured: see experiments/gloss
 KINDS = {
     "lobe": (RoughCoating, "rough dielectric coating, {}", "alpha"),
     "blinn-phong": (BlinnPhong, "Blinn-Phong lobe, {}", "shininess"),
@@ -27,7 +28,12 @@ KINDS = {
 
 
 def find_gloss(
-    asked: str, problem: Problem, solution: Solution, limit_deg: float, before: Decision | None = None
+    asked: str,
+    problem: Problem,
+    solution: Solution,
+    limit_deg: float,
+    before: Decision | None = None,
+    most: int = N_SAMPLE,
 ) -> Decision:
     """Ask the residuals of a fit for lobes.
 
@@ -43,13 +49,15 @@ def find_gloss(
         Mean error of the normals from which gloss is modelled [deg].
     before : Decision, optional
         By which lobes are in that fit already: these are refined, by the kinds of material that it tells.
+    most : int
+        Pixels, at most, that are asked whether there are any.
     """
     kind, words, shape = KINDS["lobe" if asked == "auto" else asked]
     if before:
         error, label = before.expected_deg, sort_materials(np.exp(solution.theta[:, 2:]))
     else:
         matt = solution.all_theta, solution.noise, kind, solution.threshold_prior
-        evidence, label = gloss_evidence(problem, *matt), None
+        evidence, label = gloss_evidence(problem, *matt, most), None
         error = evidence.error_deg
         if asked == "auto" and not evidence.is_worth_modelling(limit_deg):
             shown = f"{max(evidence.z, 0):.1f} standard deviations, {error:.2f} deg of expected error"
@@ -99,10 +107,9 @@ class GlossyLobes:
             return Decision(self.name, False, "angular gate, as published")
         if asked == "off":
             return Decision(self.name, False, "not modelled: asked for by --gloss off; robust weights only")
-        if asked == "auto" and not world.terms.thorough:
-            return Decision(self.name, False, "not looked for by the preset fast")
         problem = replace(fitted.problem, view=view_directions(world.ring, fitted.problem.pixel))
-        return find_gloss(asked, problem, fitted.solution, world.terms.limit_deg, before)
+        most = N_SAMPLE if world.terms.thorough else N_FEW
+        return find_gloss(asked, problem, fitted.solution, world.terms.limit_deg, before, most)
 
     def model(self, world: World, decision: Decision) -> World:
         """Put the lobes in the forward model."""

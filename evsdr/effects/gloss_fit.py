@@ -92,7 +92,12 @@ class GlossEvidence:
 
 
 def gloss_evidence(
-    problem: Problem, theta: np.ndarray, noise: float, kind: type = RoughCoating, spread: tuple | None = None
+    problem: Problem,
+    theta: np.ndarray,
+    noise: float,
+    kind: type = RoughCoating,
+    spread: tuple | None = None,
+    most: int = N_SAMPLE,
 ) -> GlossEvidence:
     """Ask the events for gloss.
 
@@ -105,8 +110,10 @@ def gloss_evidence(
         Standard deviation of its relative residuals.
     spread : tuple of 4 float, optional
         How its unknown thresholds are distributed.
+    most : int
+        Pixels, at most, that are asked.
     """
-    pixel = _some(problem, np.ones(problem.n_pixel, bool))
+    pixel = _some(problem, np.ones(problem.n_pixel, bool), most)
     if len(pixel) == 0:
         return GlossEvidence(kind.WIDEST, 0.0, 0.0, 0.0)
     evidence, matt, glossy, there = _first_look(problem, pixel, theta, noise, kind, spread)
@@ -267,7 +274,7 @@ def _glossy(sample: Sample, kind: type, shape, strength) -> GlossyRing:
     """Give the forward model of a sample under lobes, shape and strength a number or (n_pixel,)."""
     Float, n = type(sample.data.constant_light), len(sample.data.pairs.counts)
     lobe = kind(*(owned(Float, np.broadcast_to(v, n)) for v in (shape, strength)))
-    return GlossyRing(sample.illumination, lobe, sample.view)
+    return GlossyRing(sample.illumination, lobe, sample.view, sample.rough)
 
 
 def _search(

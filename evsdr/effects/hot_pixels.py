@@ -7,6 +7,7 @@ import numpy as np
 
 from evsdr.effects.effect import Decision
 from evsdr.effects.world import Fitted, World
+from evsdr.events.chosen import count_events
 from evsdr.model.illumination import Illumination
 from evsdr.records import Recording
 
@@ -24,9 +25,8 @@ def impossible_rate(recording: Recording, light: Illumination) -> np.ndarray:
     veil = max(float(light.constant_light[0]), 1e-6 * brightest)
     per_slot = 1 + np.log1p(brightest / veil) / lowest
     duration = starts[-1] - starts[0] if len(starts) > 1 else np.ptp(events.t)
-    number = events.y.astype(np.int64) * sensor.width + events.x
-    count = np.bincount(number, minlength=sensor.height * sensor.width)
-    return (count > per_slot * (duration / schedule.slot_us + 1)).reshape(sensor.height, sensor.width)
+    count = count_events(events, (sensor.height, sensor.width))
+    return count > per_slot * (duration / schedule.slot_us + 1)
 
 
 class HotPixels:

@@ -64,6 +64,15 @@ class PhotoreceptorLag(SharedEffect):
     name, group = "photoreceptor lag", "lag"
     untold = "the events show none"
 
+    def doubt(self, found: SharedFound, limit_deg: float) -> str:
+        """Say that events come early by noise that is not modelled."""
+        if found.untold_deg <= limit_deg:
+            return ""
+        return (
+            "events come early, as noise of photoreceptors makes them where light is slow, but do not tell its time constant, so "
+            f"that normals may be {found.untold_deg:.2g} degrees off, which sigmas count, and reflectances, too; make slots shorter."
+        )
+
     def say(self, found: SharedFound) -> str:
         """Give time constant and noise."""
         rig, dark = (

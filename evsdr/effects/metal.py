@@ -20,8 +20,8 @@ class Metal:
         """Solve some pixels as either."""
         if asked != "auto":
             return Decision(NAME, False, f"not looked for: asked for by --gloss {asked}")
-        if world.terms.solver == "adam" or not world.terms.thorough:
-            return Decision(NAME, False, "not looked for by the preset fast or the solver adam")
+        if world.terms.solver == "adam":
+            return Decision(NAME, False, "not looked for by the solver adam")
         view = view_directions(world.ring, fitted.problem.pixel)
         found = metal_evidence(replace(fitted.problem, view=view), world.thresholds)
         shown = f"metal gains {found.gain:.2f} in log likelihood of a pixel over a matt surface"

@@ -41,12 +41,15 @@ class Sample:
         See `GlossyRing`.
     spread : tuple of 4 float, optional
         How unknown thresholds are distributed, see `start_of`.
+    rough : Float, optional
+        See `Problem`.
     """
 
     data: Data
     noise: float
     view: object
     spread: tuple | None = None
+    rough: object = None
 
     @classmethod
     def of(cls, problem: Problem, pixel: np.ndarray, noise: float, spread=None) -> "Sample":
@@ -58,7 +61,7 @@ class Sample:
         light = problem.illumination.gather(index)
         pairs, grid = thin(problem.pairs.at(index).events, MAX_PAIRS), lonely_grid(len(pixel), UInt32)
         data = data_of(LambertianRing(light), pairs, light.constant_light, grid, ROBUST)
-        return cls(data, noise, view, spread)
+        return cls(data, noise, view, spread, problem.rough)
 
     def with_thresholds(self, shift: float) -> "Sample":
         """Give the sample with thresholds whose logarithms are larger by `shift`."""

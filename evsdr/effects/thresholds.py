@@ -15,7 +15,7 @@ class Thresholds:
     name, option, when = "contrast thresholds", "thresholds", "scene"
 
     def decide(self, asked: str, world: World, fitted: Fitted | None) -> Decision:
-        """Estimate them where the recording tells one value for all, and the solver can."""
+        """Estimate them where the recording tells one value for all, or measured ones, and the solver can."""
         sensor = world.recording.sensor
         if asked == "known":
             return self._as_told("asked for by --thresholds known")
@@ -25,10 +25,12 @@ class Thresholds:
             return self._as_told("without constant light they can't be told from the contrast")
         if asked == "estimate":
             why = "asked for by --thresholds estimate"
-        elif np.ndim(sensor.contrast_threshold_on) or np.ndim(sensor.contrast_threshold_off):
-            return self._as_told("the recording holds those of each pixel")
-        else:
+        elif not (np.ndim(sensor.contrast_threshold_on) or np.ndim(sensor.contrast_threshold_off)):
             why = "the recording tells one value for all"
+        elif sensor.contrast_threshold_tolerance:
+            why = f"those of the recording were measured to {sensor.contrast_threshold_tolerance:.1%}"
+        else:
+            return self._as_told("the recording holds those of each pixel")
         return Decision(self.name, True, f"estimated per pixel: {why}")
 
     def _as_told(self, why: str) -> Decision:

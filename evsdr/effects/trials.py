@@ -9,6 +9,7 @@ import numpy as np
 
 from evsdr.effects.hypotheses import Hypothesis
 from evsdr.errors import InputError
+from evsdr.events.chosen import count_events, events_of
 from evsdr.events.pairs import pair_events
 from evsdr.model.illumination import Illumination
 from evsdr.solve import trial
@@ -67,9 +68,8 @@ def cauchy(u: np.ndarray) -> tuple[float, float]:
 def chosen(world: "World", fitted: "Fitted", moves: list, n: int = N_TRIED) -> np.ndarray:
     """Choose pixels of a fit, by their place in the image, that fire more events than there are unknowns; if possible
     such that stay on the object however `moves` turn the image."""
-    events, mask = world.recording.events, fitted.problem.grid.mask
-    count = np.zeros(mask.shape, np.int64)
-    np.add.at(count, (events.y, events.x), 1)
+    mask = fitted.problem.grid.mask
+    count = count_events(world.recording.events, mask.shape)
     rich = mask & (count > fitted.solution.theta.shape[1])
     if world.hot is not None and world.hot[mask].mean() < MANY_HOT:
         rich &= ~world.hot
@@ -122,12 +122,10 @@ def try_all(
 
 def of_pixels(world: "World", pixel: np.ndarray) -> "World":
     """Keep the events of some pixels only."""
-    events, sensor = world.recording.events, world.recording.sensor
-    kept = np.zeros(sensor.height * sensor.width, bool)
-    kept[pixel] = True
-    some = kept[events.y.astype(np.int64) * sensor.width + events.x]
-    events = replace(events, **{name: getattr(events, name)[some] for name in "xypt"})
-    return replace(world, recording=replace(world.recording, events=events))
+    recording, sensor = world.recording, world.recording.sensor
+    kept = np.zeros((sensor.height, sensor.width), bool)
+    kept.ravel()[pixel] = True
+    return replace(world, recording=replace(recording, events=events_of(recording.events, kept)))
 
 
 def _case(world: "World", problem) -> tuple[PairData, np.ndarray] | None:

@@ -142,6 +142,8 @@ class World:
         Lobes.
     metal : float, optional
         Roughness of the surface, if it is of metal.
+    rough : float, optional
+        Roughness of its matt part, if that is not Lambert's.
     decisions : dict of Decision
         What was decided so far.
     """
@@ -166,6 +168,7 @@ class World:
     aim: Aim | None = None
     gloss: Gloss | None = None
     metal: float | None = None
+    rough: float | None = None
     decisions: dict = field(default_factory=dict)
 
     @classmethod
@@ -243,7 +246,7 @@ class World:
         return self.memo("indirect", (light, fitted), work)
 
     def seen(self, fitted: Fitted) -> Seen:
-        """Give what pixels see of the LEDs, as their events tell; once lobes are known it stays as it is."""
+        """Give what pixels see of the LEDs, as their events tell; once lobes or a rough matt part are known it stays as it is."""
 
         def work():
             surface = None if self.ring.shape_is_known else fitted
@@ -252,7 +255,7 @@ class World:
             whole = replace(problem.illumination, indirect=fitted.problem.illumination.indirect)
             problem = replace(problem, illumination=whole)
             before = fitted.problem.illumination.share_of(problem.illumination, problem.n_pixel)
-            if self.gloss is not None:
+            if self.gloss is not None or self.rough is not None:
                 untold = problem.fired & ~fitted.problem.fired
                 return Seen(before, fitted.solution.all_theta, untold)
             here = owned(type(problem.pairs.first), problem.pixel)
@@ -289,6 +292,9 @@ class World:
         if self.metal is not None:
             metal = dr.opaque(Float, self.metal)
             return replace(problem, metal=metal, view=view_directions(self.ring, problem.pixel))
+        if self.rough is not None:
+            rough, view = dr.opaque(Float, self.rough), view_directions(self.ring, problem.pixel)
+            problem = replace(problem, rough=rough, view=view)
         if self.gloss is None:
             return problem
         lobe, start = self.gloss.lobe(Float), problem.start

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evsdr.events.chosen import count_events, events_of
 from evsdr.records import Recording
 
 REACH = 0.02  # of a round: farther off nothing is looked for; resonators are within 0.005
@@ -95,12 +96,13 @@ def _chosen(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     begin = recording.round_start_us[0] if len(recording.round_start_us) else begin
     begin += recording.schedule.slot_us  # in the first slot events are not yet as in later rounds
     n_pixel = recording.sensor.width * recording.sensor.height
-    pixel = events.y.astype(np.int64) * recording.sensor.width + events.x
-    count = np.bincount(pixel, minlength=n_pixel)
-    kept = np.random.default_rng(0).random(n_pixel) < MOST_EVENTS / max(len(events), 1)
+    count = count_events(events, (recording.sensor.height, recording.sensor.width))
+    kept = (np.random.default_rng(0).random(n_pixel) < MOST_EVENTS / max(len(events), 1)).reshape(count.shape)
     kept &= count <= HOT * np.median(count[count > 0])
-    some = kept[pixel] & (events.t >= begin)
-    group, t = 2 * pixel[some] + events.p[some], events.t[some] - begin
+    events = events_of(events, kept)
+    some = events.t >= begin
+    pixel = events.y[some].astype(np.int64) * recording.sensor.width + events.x[some]
+    group, t = 2 * pixel + events.p[some], events.t[some] - begin
     order = np.lexsort((t, group))
     return group[order], t[order].astype(float)
 

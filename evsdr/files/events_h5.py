@@ -14,15 +14,19 @@ import numpy as np
 
 from evsdr.errors import InputError, InputWarning
 from evsdr.files.atomic import atomic_path
-from evsdr.files.hdf5 import member, open_hdf5, read_all
+from evsdr.files.hdf5 import check_readable, member, open_hdf5, read_all
+from evsdr.files.pieces import PIECE, for_pieces
+from evsdr.files.scratch import columns
 from evsdr.records import Events, Recording, Schedule, Sensor
 
 # Medians of an EVK4 (IMX636) at default biases, taken for what a file leaves out.
+TOLERANCE = "contrast_threshold_tolerance"
 SENSOR_DEFAULTS = {"contrast_threshold_on": 0.2525, "contrast_threshold_off": 0.3795, "refractory_us": 52.0}
 
 # The layouts of Metavision's files, 16 and 24 bytes.
 EVENT_DTYPE = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")], align=True)
 TRIGGER_DTYPE = np.dtype([("p", "<i2"), ("t", "<i8"), ("id", "<i2")], align=True)
+EVENT_KINDS = {"x": np.uint16, "y": np.uint16, "p": np.int8, "t": np.int64}  # in memory
 CHUNK = 65536
 
 LARGEST_SIZE = 65536  # pixels that a uint16 coordinate reaches
@@ -81,10 +85,10 @@ def write_recording(path: str | Path, recording: Recording) -> None:
     image = io.BytesIO()  # as HDF5 can crash on a full disk
     with h5py.File(image, "w") as file:
         file.attrs["width"], file.attrs["height"] = sensor.width, sensor.height
-        table = np.zeros(len(events), EVENT_DTYPE)
-        for name in EVENT_DTYPE.names:
-            table[name] = getattr(events, name)
-        file.create_dataset("CD/events", data=table, chunks=(CHUNK,), maxshape=(None,), **compression)
+        kept = dict(chunks=(CHUNK,), maxshape=(None,), **compression)
+        table = file.create_dataset("CD/events", len(events), EVENT_DTYPE, **kept)
+        for begin in range(0, len(events), PIECE):
+            table[begin : begin + PIECE] = _records(events, slice(begin, begin + PIECE))
         if len(recording.round_start_us):
             edges = np.zeros(len(recording.round_start_us), TRIGGER_DTYPE)
             edges["p"], edges["t"] = 1, recording.round_start_us
@@ -95,6 +99,8 @@ def write_recording(path: str | Path, recording: Recording) -> None:
             if value.ndim:
                 group.create_dataset(name, data=value.astype(np.float32), **compression)
             group.attrs[name] = _finite(name, value.mean())
+        if sensor.contrast_threshold_tolerance:
+            group.attrs[TOLERANCE] = _finite(TOLERANCE, sensor.contrast_threshold_tolerance)
         group = file.create_group("schedule")
         group["order"] = np.asarray(schedule.order, np.int32)
         for name in ("slot_us", "crossfade", "start_us"):
@@ -105,6 +111,14 @@ def write_recording(path: str | Path, recording: Recording) -> None:
             group.attrs["constant_light_on"] = int(schedule.constant_light_on)
     with atomic_path(path) as temporary:
         temporary.write_bytes(image.getvalue())
+
+
+def _records(events: Events, part: slice) -> np.ndarray:
+    """Give some events as records."""
+    table = np.zeros(len(events.t[part]), EVENT_DTYPE)
+    for name in EVENT_DTYPE.names:
+        table[name] = getattr(events, name)[part]
+    return table
 
 
 def _finite(name: str, value: float) -> float:
@@ -127,27 +141,46 @@ def _read_size(file: h5py.File) -> tuple[int, int]:
 
 
 def _read_events(file: h5py.File, width: int, height: int) -> Events:
-    table = _read_table(file, "CD/events", ("x", "y", "p", "t"))
-    x, y, p, t = (table[name] for name in ("x", "y", "p", "t"))
-    if len(t) < 2:
-        raise InputError(f"CD/events holds {len(t)} events; record again with the ring on, for two at least.")
-    outside = (x < 0) | (x >= width) | (y < 0) | (y >= height)
-    if outside.any():
-        k = outside.argmax()
-        raise InputError(
-            f"event {k} of CD/events at x={x[k]}, y={y[k]} lies outside the sensor of {width} x {height} "
-            "pixels; correct width and height, or crop the events."
-        )
-    backwards = t[1:] < t[:-1]
-    if backwards.any():
-        raise InputError(
-            f"t of CD/events runs backwards at event {backwards.argmax() + 1}; sort the events by time."
-        )
+    """Read all events piece by piece; they come to lie on disk where memory is short."""
+    dataset = _list_of(file, "CD/events", ("x", "y", "p", "t"))
+    check_readable(dataset, copies=0)
+    n, begins = len(dataset), []
+    if n < 2:
+        raise InputError(f"CD/events holds {n} events; record again with the ring on, for two at least.")
+    events = Events(**columns(n, EVENT_KINDS, f"CD/events of {n} entries"))
+
+    def take(begin: int, part: dict[str, np.ndarray]) -> None:
+        x, y = part["x"], part["y"]
+        _check_p("CD/events", part["p"], begin)
+        outside = (x < 0) | (x >= width) | (y < 0) | (y >= height)
+        if outside.any():
+            k = outside.argmax()
+            raise InputError(
+                f"event {begin + k} of CD/events at x={x[k]}, y={y[k]} lies outside the sensor of {width} x {height} "
+                "pixels; correct width and height, or crop the events."
+            )
+        for name in EVENT_KINDS:
+            getattr(events, name)[begin : begin + len(x)] = part[name]
+        _check_order(part["t"], begin)
+        begins.append(begin)
+
+    for_pieces(dataset, take)
+    for begin in sorted(begins)[1:]:  # between two pieces
+        _check_order(events.t[begin - 1 : begin + 1], begin - 1)
+    p = events.p
     if p.min() == p.max():
         raise InputError(
             f"p of CD/events is {int(p[0])} for every event; record both polarities, 1 brighter and 0 darker."
         )
-    return Events(x.astype(np.uint16), y.astype(np.uint16), p.astype(np.int8), t.astype(np.int64))
+    return events
+
+
+def _check_order(t: np.ndarray, begin: int) -> None:
+    backwards = t[1:] < t[:-1]
+    if backwards.any():
+        raise InputError(
+            f"t of CD/events runs backwards at event {begin + backwards.argmax() + 1}; sort the events by time."
+        )
 
 
 def _read_triggers(file: h5py.File) -> np.ndarray:
@@ -155,7 +188,8 @@ def _read_triggers(file: h5py.File) -> np.ndarray:
     name = "EXT_TRIGGER/events"
     if member(file, name) is None:
         return np.empty(0, np.int64)
-    table = _read_table(file, name, ("p", "t"))
+    table = read_all(_list_of(file, name, ("p", "t")))
+    _check_p(name, table["p"])
     start = table["t"][table["p"] == 1].astype(np.int64)
     stands = start[1:] <= start[:-1]
     if stands.any():
@@ -187,6 +221,12 @@ def _read_sensor(file: h5py.File, width: int, height: int) -> Sensor:
     if missing:
         given = ", ".join(f"{name} ({SENSOR_DEFAULTS[name]:g})" for name in missing)
         _warn(file, f"sensor lacks {given}: these EVK4 values are taken; write the true ones.")
+    if group is not None and TOLERANCE in group.attrs:
+        values[TOLERANCE] = _number(group, TOLERANCE)
+        if values[TOLERANCE] < 0:
+            raise InputError(
+                f"attribute {TOLERANCE} of sensor is {values[TOLERANCE]:g}; write the true one, as 0.02."
+            )
     return Sensor(width, height, **values, guessed=tuple(missing))
 
 
@@ -254,8 +294,8 @@ def _read_trim(file: h5py.File) -> np.ndarray | None:
     return trim
 
 
-def _read_table(file: h5py.File, name: str, fields: tuple[str, ...]) -> np.ndarray:
-    """Read a list of records whose fields are integers of any width, `p` 0 or 1."""
+def _list_of(file: h5py.File, name: str, fields: tuple[str, ...]) -> h5py.Dataset:
+    """Find a list of records whose fields are integers of any width."""
     dataset = member(file, name)
     if not isinstance(dataset, h5py.Dataset):
         raise InputError(f"the dataset {name} is missing; export the recording with it.")
@@ -264,11 +304,14 @@ def _read_table(file: h5py.File, name: str, fields: tuple[str, ...]) -> np.ndarr
     integers = [field for field in dtype.names or () if dtype[field].kind in kinds.get(field, "iu")]
     if dataset.ndim != 1 or not set(fields) <= set(integers):
         raise InputError(f"{name} must be a list of records of integers {', '.join(fields)}; write it so.")
-    table = read_all(dataset)
-    bad = (table["p"] != 0) & (table["p"] != 1)
+    return dataset
+
+
+def _check_p(name: str, p: np.ndarray, begin: int = 0) -> None:
+    bad = (p != 0) & (p != 1)
     if bad.any():
-        raise InputError(f"p of {name} is {table['p'][bad.argmax()]} at entry {bad.argmax()}; write 0 or 1.")
-    return table
+        k = bad.argmax()
+        raise InputError(f"p of {name} is {p[k]} at entry {begin + k}; write 0 or 1.")
 
 
 def _number(item: h5py.HLObject, name: str, default: object = None) -> float:

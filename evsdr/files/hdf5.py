@@ -80,7 +80,13 @@ def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
 
 def read_all(dataset: h5py.Dataset) -> np.ndarray:
     """Read a dataset whose values lie in its own file, and are not more than that file can hold."""
-    check_storage(dataset)
+    check_readable(dataset)
+    return dataset[()]
+
+
+def check_readable(dataset: h5py.Dataset, copies: int = COPIES) -> None:
+    """Refuse what `check_storage` refuses, and filters that are not installed."""
+    check_storage(dataset, copies)
     properties = dataset.id.get_create_plist()
     for i in range(properties.get_nfilters()):
         code, _, _, filter_name = properties.get_filter(i)
@@ -89,11 +95,10 @@ def read_all(dataset: h5py.Dataset) -> np.ndarray:
                 f"{dataset.name.lstrip('/')} is compressed by filter {code} ({filter_name.decode(errors='replace')}), "
                 "which is not installed here; rewrite it with gzip where it is, for example by h5repack -f GZIP=4."
             )
-    return dataset[()]
 
 
-def check_storage(dataset: h5py.Dataset) -> None:
-    """Refuse a dataset whose values lie in other files, or that declares more than its file can hold."""
+def check_storage(dataset: h5py.Dataset, copies: int = COPIES) -> None:
+    """Refuse a dataset whose values lie in other files, or that declares more than its file can hold, or memory its copies."""
     name = dataset.name.lstrip("/")
     if dataset.external or dataset.is_virtual:
         raise InputError(f"the values of {name} lie in other files; copy them into this one.")
@@ -102,4 +107,4 @@ def check_storage(dataset: h5py.Dataset) -> None:
         raise InputError(
             f"{name} declares {dataset.size} entries, but the file has only {held} bytes; copy it again."
         )
-    check_memory(f"{name} of {dataset.size} entries", COPIES * declared, "cut the recording")
+    check_memory(f"{name} of {dataset.size} entries", copies * declared, "cut the recording")

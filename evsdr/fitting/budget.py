@@ -88,10 +88,11 @@ def budget_of(settings: Settings, recording: Recording, began: float) -> Budget 
     """Measure this machine and plan, if time is limited, by the pixels that fire; `began` as in `plan`."""
     if not settings.time_budget:
         return None
+    from evsdr.events.chosen import count_events  # starts Numba, which `import evsdr` does without
+
     events, sensor = recording.events, recording.sensor
-    fires = np.zeros((sensor.height, sensor.width), bool)
-    fires[events.y, events.x] = True
-    return plan(settings, np.count_nonzero(fires), len(events), began, slowness())
+    n_pixel = np.count_nonzero(count_events(events, (sensor.height, sensor.width)))
+    return plan(settings, n_pixel, len(events), began, slowness())
 
 
 def plan(settings: Settings, n_pixel: int, n_event: int, began: float, slowness: float) -> Budget:

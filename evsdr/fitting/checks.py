@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.errors import InputError, check_address_space, check_memory
+from evsdr.events.chosen import count_events
 from evsdr.files.mask import read_mask
 from evsdr.fitting.settings import Settings
 from evsdr.light.checks import check_film, check_object
@@ -89,8 +90,7 @@ def object_mask(ring: RingScene, coverage: np.ndarray, wanted: np.ndarray | str 
 
 def check_room(recording: Recording, mask: np.ndarray) -> None:
     """Refuse a fit that needs more memory than is free: by the events of its pixels."""
-    events = recording.events
-    n_event = int(np.count_nonzero(mask[events.y, events.x]))
+    n_event = int(count_events(recording.events, mask.shape)[mask].sum())
     what, n_bytes = f"{recording.source}: a fit of {n_event} events", EVENT_BYTES * n_event
     check_address_space(what, FIT_BYTES + KEPT * n_bytes + RESERVED + THREAD_BYTES * side_by_side())
     check_memory(what, FIT_BYTES + n_bytes, "fit fewer pixels (--mask) or rounds, or close other programs")

@@ -6,7 +6,7 @@ import numpy as np
 
 from evsdr.effects.world import Fitted
 from evsdr.fitting.maps import assemble_maps
-from evsdr.fitting.misfit import explain_misfit
+from evsdr.fitting.misfit import Misfit, explain_misfit
 from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
 from evsdr.light.ground_truth import surface_maps
@@ -20,6 +20,8 @@ from evsdr.solve.measured import measure_signals
 from evsdr.solve.pair_data import thin
 from evsdr.solve.problem import Problem
 from evsdr.solve.solution import STEPS_USED_UP, Data, Solution
+from evsdr.solve.stages import softness_at
+from evsdr.solve.twins import Twins
 from evsdr.solve.unknowns import first_theta, to_theta
 
 DOWNWEIGHT_ROBUST = 1.0  # width of the Cauchy cost under --shadows downweight
@@ -76,7 +78,7 @@ class Decoder:
             return self.fitted(problem, solution, tuple(values))
         return self.fitted(problem, solve(*given, self.thresholds, progress, before, purpose))
 
-    def misfit(self, fitted: Fitted) -> str:
+    def misfit(self, fitted: Fitted) -> Misfit:
         """Say where the events are explained less well than elsewhere, see `misfit.explain_misfit`."""
         return explain_misfit(fitted, choose_effort(self.settings).width(self.thresholds))
 
@@ -90,6 +92,15 @@ class Decoder:
         """Give the covariances that maps would have if neighbours told nothing."""
         data = self._data(fitted.problem)
         return run(data, recipes.measure(), resume(data, fitted.solution)).covariance
+
+    def twins(self, fitted: Fitted) -> np.ndarray:
+        """Give the covariances that not knowing which of two normals of metal is true leaves open."""
+        data, solution = self._data(fitted.problem), fitted.solution
+        state = replace(resume(data, solution), noise=solution.noise)
+        if solution.curved:
+            state = replace(state, softness=softness_at(data, state.theta))
+        both = Twins(recipes.MOST, choose_effort(self.settings).tolerance).explain(data, state)
+        return both.left_open(solution.noise_factor)
 
     def _data(self, problem: Problem) -> Data:
         width, veil = choose_effort(self.settings).width(self.thresholds), problem.illumination.constant_light

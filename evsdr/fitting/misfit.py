@@ -5,7 +5,7 @@ what the model lacks: an LED that is not as told, light that gets to a region by
 slow light (leak, noise of the photoreceptors), highlights (gloss).
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,8 +22,24 @@ FEWEST = 100  # events at a place
 ROWS, COLUMNS = ("top", "middle", "bottom"), ("left", "centre", "right")
 
 
-def explain_misfit(fitted: Fitted, robust: float) -> str:
-    """Say how large residuals are that come again in every round, and where they are larger; `robust` as of the fit."""
+@dataclass(frozen=True)
+class Misfit:
+    """What noise does not explain of the events.
+
+    Attributes
+    ----------
+    words : str
+        How large residuals are that come again in every round, and where they are larger.
+    least : float
+        Of a threshold, how large they are at least; 0 where noise may make them.
+    """
+
+    words: str
+    least: float
+
+
+def explain_misfit(fitted: Fitted, robust: float) -> Misfit:
+    """Look for residuals that come again in every round; `robust` as of the fit."""
     problem, solution = fitted.problem, fitted.solution
     light = problem.illumination
     data = data_of(problem.model, problem.pairs, light.constant_light, problem.grid, robust)
@@ -32,7 +48,18 @@ def explain_misfit(fitted: Fitted, robust: float) -> str:
         state = replace(state, softness=softness_at(data, state.theta))
     pairs = slotted(data, state, N_PIXEL)
     leds = problem.pairs.slot_leds.numpy().astype(np.int64)
-    return in_words(pairs, places(pairs, leds, light.n_led, problem.grid.mask), solution.noise)
+    where = places(pairs, leds, light.n_led, problem.grid.mask)
+    return Misfit(in_words(pairs, where, solution.noise), least_of(pairs))
+
+
+def least_of(pairs: Slotted) -> float:
+    """Give how large residuals that come again in every round are at least, from how pixels differ in them."""
+    known = np.isfinite(pairs.shared)
+    number = np.bincount(pairs.pixel[known])
+    if np.count_nonzero(number) < FEWEST:
+        return 0.0
+    of_pixel = np.bincount(pairs.pixel[known], pairs.shared[known])[number > 0] / number[number > 0]
+    return _root(np.mean(of_pixel) - CLEAR * np.std(of_pixel) / len(of_pixel) ** 0.5)
 
 
 def places(pairs: Slotted, slot_leds: np.ndarray, n_led: int, mask: np.ndarray) -> dict[str, np.ndarray]:

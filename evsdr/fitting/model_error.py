@@ -7,15 +7,16 @@ import numpy as np
 from evsdr.effects.gloss import lobe_error
 from evsdr.effects.world import Fitted, World
 from evsdr.fitting.decoder import Decoder
-from evsdr.fitting.misfit import in_common
+from evsdr.fitting.misfit import Misfit, in_common
 from evsdr.records import Signals
 from evsdr.solve.discrepancy import common_share, noise_of
 
 
 def with_model_error(
     world: World, fitted: Fitted, matt: Fitted, solve: Decoder
-) -> tuple[Fitted, Signals, str]:
-    """Let sigmas count what residuals of neighbours have in common, and what lobes of another form leave.
+) -> tuple[Fitted, Signals, Misfit]:
+    """Let sigmas count what residuals of neighbours have in common, what lobes of another form leave, and the
+    twins of normals of metal.
 
     Parameters
     ----------
@@ -31,15 +32,18 @@ def with_model_error(
     fitted : Fitted
     signals : Signals
         See `Decoder.signals`.
-    said : str
-        Where the fit explains the events less well than elsewhere, and what neighbours have in common, in words.
+    misfit : Misfit
+        Where the fit explains the events less well than elsewhere, and what neighbours have in common.
     """
     signals, problem, solution = solve.signals(fitted), fitted.problem, fitted.solution
     share, common = common_share(signals, problem.grid.mask, fitted.maps.mask)
-    said = f"{solve.misfit(fitted)}; {in_common(common)}"
+    misfit = solve.misfit(fitted)
+    misfit = replace(misfit, words=f"{misfit.words}; {in_common(common)}")
     if solve.settings.solver == "adam":  # its maps stand as they are
-        return fitted, signals, said
+        return fitted, signals, replace(misfit, least=0.0)
     error = share[:, None, None] * noise_of(solve.alone(fitted))
-    if world.gloss is not None:
+    if world.metal is not None:
+        error += solve.twins(fitted)
+    if world.gloss is not None or world.rough is not None:
         error += lobe_error(solution.theta - matt.solution.theta)
-    return solve.fitted(problem, replace(solution, model_error=error.astype(np.float32))), signals, said
+    return solve.fitted(problem, replace(solution, model_error=error.astype(np.float32))), signals, misfit

@@ -19,6 +19,7 @@ from evsdr.effects.metal import Metal, RoughnessOfMetal
 from evsdr.effects.near_leds import DepthOfNearLeds, NearLeds
 from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
+from evsdr.effects.rough import RoughMatt
 from evsdr.effects.setup import SetUp, Wiring
 from evsdr.effects.shadows import Shadows, ShadowsInEvents, ShadowsOnFit
 from evsdr.effects.shared import find_shared, widened
@@ -65,6 +66,7 @@ EFFECTS = (
     RaysOnFit(),
     IndirectLight(),
     RoughnessOfMetal(),
+    RoughMatt(),
     GlossyLobes(),
     Translucency(),
 )
@@ -147,7 +149,7 @@ def fit_recording(
     world = replace(believed, mask=world.mask)
     if tiles:
         with stages.stage("tiles") as advance:
-            fitted = solve_tiles(world, tiles, fitted, partial(retell, solve=solve, progress=advance))
+            fitted = solve_tiles(world, tiles, fitted, partial(retell, solve), advance)
     stopped = stages.enough
     fitted = replace(fitted, maps=paid(widened(fitted.maps, world.decisions), world.decisions))
     with stages.stage("surface"):
@@ -155,15 +157,15 @@ def fit_recording(
         surface = world.surface.files(depth, fitted.maps) if depth else {}
     geometry.check_pieces(world)
     geometry.check_normals(world, fitted.maps)
-    verdict = judge(world, fitted, stopped)
-    said = {"verdict": str(verdict), "stopped": stopped, "misfit": misfit}
+    verdict = judge(world, fitted, stopped, misfit.least)
+    said = {"verdict": str(verdict), "stopped": stopped, "misfit": misfit.words}
     summary = report.summarise(world, settings, fitted, notes) | world.surface.told() | said
     whole = len(signals.pixel) == fitted.problem.n_pixel
     shown = signals if whole and not tiles else None
     return Fit(fitted.maps, world.decisions, fitted.solution, summary, surface, depth, shown)
 
 
-def retell(world: World, solve: Decoder, progress: Progress) -> Fitted:
+def retell(solve: Decoder, world: World, progress: Progress) -> Fitted:
     """Fit other pixels under what is believed."""
     matt, gloss = replace(world, gloss=None), world.gloss
     first = "metal" if world.metal else "search" if world.lag else "whole"

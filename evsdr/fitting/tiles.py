@@ -14,6 +14,8 @@ import numpy as np
 from evsdr.effects.blocks import some_blocks
 from evsdr.effects.surface import FittedSurface
 from evsdr.effects.world import Fitted, World
+from evsdr.events.chosen import count_events, events_of
+from evsdr.progress import Progress, silent
 from evsdr.records import Events, Maps
 from evsdr.solve.grid import Grid
 from evsdr.solve.solution import OF_PIXEL, Solution
@@ -27,7 +29,6 @@ ENOUGH, BLOCK = (
     12_000,
     32,
 )  # pixels that tell what all share, and the width of the blocks in which they lie; guessed
-CHUNK = 1 << 22  # events that are looked at together
 WHOLE_IMAGE = "band_wavelength_nm"  # the only part of maps that has no pixels
 
 
@@ -69,8 +70,7 @@ def _wider(part: slice) -> slice:
 
 def counted(events: Events, mask: np.ndarray) -> int:
     """Count the events of the masked pixels."""
-    parts = (slice(k, k + CHUNK) for k in range(0, len(events), CHUNK))
-    return sum(int(np.count_nonzero(mask[events.y[part], events.x[part]])) for part in parts)
+    return int(count_events(events, mask.shape)[mask].sum())
 
 
 def largest(tiles: list[Tile], world: World) -> np.ndarray:
@@ -93,14 +93,9 @@ def telling(world: World) -> World:
 
 def within(world: World, tile: Tile) -> World:
     """Look at a tile only."""
-    events, (rows, columns) = world.recording.events, tile.solved
-    inside = (events.y >= rows.start) & (events.y < rows.stop)
-    inside &= (events.x >= columns.start) & (events.x < columns.stop)
-    events = replace(events, **{name: getattr(events, name)[inside] for name in "xypt"})
-    recording = replace(world.recording, events=events)
-    return replace(
-        world, mask=solved(world.mask, tile), recording=recording, surface=FittedSurface(world.ring)
-    )
+    mask = solved(world.mask, tile)
+    recording = replace(world.recording, events=events_of(world.recording.events, mask))
+    return replace(world, mask=mask, recording=recording, surface=FittedSurface(world.ring))
 
 
 @dataclass(frozen=True)
@@ -134,7 +129,13 @@ class Piece:
         return cls(pixel, problem.fired[row], n_pair, solution)
 
 
-def solve_tiles(world: World, tiles: list[Tile], example: Fitted, fit: Callable[[World], Fitted]) -> Fitted:
+def solve_tiles(
+    world: World,
+    tiles: list[Tile],
+    example: Fitted,
+    fit: Callable[[World, Progress], Fitted],
+    progress: Progress = silent,
+) -> Fitted:
     """Solve all tiles and join what they tell.
 
     Parameters
@@ -143,15 +144,20 @@ def solve_tiles(world: World, tiles: list[Tile], example: Fitted, fit: Callable[
         Of all pixels.
     example : Fitted
         The fit of some pixels, which shows what all have alike: it stands for noise and light.
-    fit : callable (World) -> Fitted
+    fit : callable (World, Progress) -> Fitted
         Fits the pixels of a tile.
+    progress : callable (detail, share) -> bool, optional
+        Told which tile is under way.
     """
     pieces, maps = [], None
     world = replace(world, memo=world.memo.only("trace", "aim"))
-    for tile in tiles:
+    for k, tile in enumerate(tiles, 1):
+        which = f"{k} of {len(tiles)}"
         gc.collect()  # of the tile before
         dr.flush_malloc_cache()
-        fitted = fit(within(world, tile))
+        fitted = fit(
+            within(world, tile), lambda detail, share, which=which: progress(f"{which}, {detail}", share)
+        )
         pieces.append(Piece.of(fitted, tile))
         maps = fitted.maps if maps is None else joined(maps, fitted.maps, tile)
         del fitted

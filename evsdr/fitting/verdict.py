@@ -18,6 +18,9 @@ CONTRARY_SHARE, CONTRARY_COUNT = 0.01, 5  # of the pixels, from which they are w
 MENDED_MISFIT = 0.25  # `MISFIT` after LEDs were put right: what remains was not theirs
 UNSCALED = 0.02  # of the known pixels, from which scales that are not known are worth a warning
 FAINT = 0.005  # of an LED's light, below which a constant light is too weak; guessed: experiments/extremes has 0.002 too weak, 0.02 not
+# Of a threshold, residuals that come again in every round. Measured: 0 to 0.035 where sigmas hold, 0.055 to 0.11 on sculptures in
+# their own light, and 0.067 to 0.074 on a sphere under a lamp of 100 Hz, where they do not
+RECURRING = 0.05
 FEW_KNOWN = 0.5  # of the pixels that fire; guessed
 
 
@@ -42,8 +45,11 @@ class Verdict:
         return f"{DOUBTFUL}: {' '.join(self.doubts)}" if self.doubts else TRUSTWORTHY
 
 
-def judge(world: World, fitted: Fitted, stopped: bool = False) -> Verdict:
-    """Judge a fit, stopped early or not, and warn its user of what they should look into."""
+def judge(world: World, fitted: Fitted, stopped: bool = False, recurring: float = 0.0) -> Verdict:
+    """Judge a fit, stopped early or not, and warn its user of what they should look into.
+
+    `recurring` is how large residuals are, of a threshold, that come again in every round, see `misfit.Misfit`.
+    """
     ring = world.ring
     if ring.constant_light == 0:
         warn(
@@ -52,7 +58,8 @@ def judge(world: World, fitted: Fitted, stopped: bool = False) -> Verdict:
         )
     contradictions = tuple(contradictions_of(world, fitted))
     # Under a contradiction what else is odd comes of that
-    doubts = tuple(ignorance(world, fitted)) + (() if contradictions else tuple(doubts_of(world, fitted)))
+    doubts = tuple(ignorance(world, fitted))
+    doubts += () if contradictions else (*unexplained(world, recurring), *doubts_of(world, fitted))
     if stopped:
         early = "this fit was stopped early, so that errors may be larger than sigmas say; let it end."
         doubts = (f"{world.recording.source}: {early}", *doubts)
@@ -92,6 +99,16 @@ def ignorance(world: World, fitted: Fitted) -> Iterator[str]:
         yield (
             f"{source}: {1 - scaled / known:.0%} of the known pixels can't tell their scale, see mask_reflectance: "
             "put a dark slot (-1 in schedule/order) before every third LED."
+        )
+
+
+def unexplained(world: World, recurring: float) -> Iterator[str]:
+    """Say that the events show light which the model lacks."""
+    if recurring > RECURRING:
+        yield (
+            f"{world.recording.source}: residuals of {recurring:.2g} of a threshold come again in every round, so that errors may "
+            "be larger than sigmas say: other light, as of a lamp, gloss, shadows, or light by way of other surfaces may be the "
+            "cause; `misfit` in the summary tells where."
         )
 
 

@@ -12,6 +12,7 @@ import drjit as dr
 
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
+from evsdr.model.rough import RoughRing
 
 INDEX = 1.5  # of refraction of the coating
 
@@ -130,11 +131,14 @@ class GlossyRing:
     lobe : BlinnPhong or RoughCoating
     view : Array3f, width 1 or n_pixel, optional
         Unit vectors from surface to camera, camera frame; None is the axis of an orthographic camera.
+    roughness : Float, width 1, optional
+        Of the matt part, see `rough.RoughRing`.
     """
 
     illumination: Illumination
     lobe: object
     view: object = None
+    roughness: object = None
 
     def __call__(self, p, q, reflectance: list, softness):
         """Evaluate the model; arguments as those of `LambertianRing`.
@@ -144,13 +148,17 @@ class GlossyRing:
         signal, by_p, by_q, by_log_reflectance : list of Float, (n_led) of width n_pixel
             A_xj, dA/dp, dA/dq, and the derivative by the log reflectance of the LED's band: the diffuse part.
         """
-        diffuse, by_p, by_q = LambertianRing(self.illumination)(p, q, reflectance, softness)
+        light = self.illumination
+        matt = (
+            LambertianRing(light) if self.roughness is None else RoughRing(light, self.roughness, self.view)
+        )
+        diffuse, by_p, by_q = matt(p, q, reflectance, softness)
         inv = dr.rsqrt(1.0 + p * p + q * q)
         Array3f = type(self.illumination.direction[0])
         normal = Array3f(-p * inv, -q * inv, inv)
         view = Array3f(0, 0, 1) if self.view is None else self.view
         signal = []
-        for j, (d, irradiance) in enumerate(zip(self.illumination.direction, self.illumination.irradiance)):
+        for j, (d, irradiance) in enumerate(zip(light.direction, light.irradiance)):
             value, gradient = self.lobe(normal, d, view)
             along = dr.dot(gradient, normal)
             signal.append(diffuse[j] + irradiance * value)

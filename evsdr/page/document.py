@@ -76,6 +76,7 @@ def page(
     """
     shown = contents(maps, signals, depth, truth, most_bytes) | {"title": words.title_of(summary)}
     parts = {
+        "kind": "report",
         "title": escape(shown["title"]),
         "subtitle": words.subtitle(summary, maps, written),
         "verdict": words.verdict(summary),
@@ -94,7 +95,20 @@ def assemble(
     shown: dict,
     connect: str = "",
 ) -> str:
-    """Put a page together: a template, its styles and scripts, parts in HTML, what the scripts read, where they may connect."""
+    """Put a page together.
+
+    Parameters
+    ----------
+    template : Path
+        Its body.
+    styles, scripts : tuple of Path
+    parts : dict
+        What stands for the names in the template, in HTML; with `title` and `kind`, which are those of the page.
+    shown : dict
+        What the scripts read.
+    connect : str
+        Where they may connect.
+    """
     style = "".join(path.read_text(encoding="utf-8") for path in styles)
     script = "\n".join(path.read_text(encoding="utf-8") for path in scripts)
     script = f'"use strict";\n(() => {{\n{script}}})();\n'
@@ -104,7 +118,8 @@ def assemble(
         "script": script,
         "contents": in_script(shown),
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda name: parts[name[1]], template.read_text(encoding="utf-8"))
+    frame, body = (path.read_text(encoding="utf-8") for path in (HERE / "frame.html", template))
+    return re.sub(r"\{\{(\w+)\}\}", lambda name: parts[name[1]], frame.replace("{{body}}", body))
 
 
 def policy(style: str, script: str, connect: str = "") -> str:

@@ -13,7 +13,7 @@ Words before the first time high have no time and are left out. A time high that
 range has run over. Reference: docs.prophesee.ai, "Data Encoding Formats"; the vendor's decoder (OpenEB) takes
 the time low as 0 from a new time high to the next time low, and so does this.
 
-Every decoder writes as far as there is room and counts on, so that a second call can have room for all.
+Words come block by block: `state` holds what one leaves to the next, `count` goes on.
 """
 
 import numpy as np
@@ -26,6 +26,12 @@ CD_OFF, CD_ON, TIME_HIGH, TRIGGER, IMU, OTHERS, CONTINUED = 0x0, 0x1, 0x8, 0xA, 
 ADDRESS_Y, ADDRESS_X, BASE_X, MASK_12, MASK_8, TIME_LOW, CONTINUED_4 = 0x0, 0x2, 0x3, 0x4, 0x5, 0x6, 0x7
 
 
+def fresh() -> tuple[np.ndarray, np.ndarray]:
+    """Give `state` and `count` before the first word."""
+    # time high, time low, whether there is a time, row, column of the next mask, its polarity
+    return np.array([0, 0, 0, -1, -1, 0]), np.zeros(N_COUNT, np.int64)
+
+
 @njit(cache=True, inline="always")
 def advance(high, new_high, period):
     """Give the new time high with the overflows before it; `period` is its range."""
@@ -33,30 +39,61 @@ def advance(high, new_high, period):
     return high - told + new_high + (period if told - new_high > period // 2 else 0)
 
 
+@njit(cache=True, inline="always")
+def _bits(mask):
+    """Count the bits of 32 (Warren, Hacker's Delight, 5-1)."""
+    mask = mask - ((mask >> np.uint32(1)) & np.uint32(0x55555555))
+    mask = (mask & np.uint32(0x33333333)) + ((mask >> np.uint32(2)) & np.uint32(0x33333333))
+    mask = (mask + (mask >> np.uint32(4))) & np.uint32(0x0F0F0F0F)
+    mask = mask + (mask >> np.uint32(8))
+    return (mask + (mask >> np.uint32(16))) & np.uint32(0x3F)
+
+
 @njit(cache=True)
-def decode_evt2(words, has_mask, width, height, x, y, p, t, trigger_p, trigger_t, trigger_id):
+def room_evt2(words, has_mask):
+    """Count the events and triggers that words may hold: as many as `decode_evt2` gives, or more."""
+    n_event, n_trigger = np.int64(0), np.int64(0)
+    for word in words:
+        kind = np.uint64(word) >> np.uint64(60 if has_mask else 28)
+        if kind <= CD_ON:
+            n_event += np.int64(_bits(np.uint32(word & 0xFFFFFFFF))) if has_mask else 1
+        n_trigger += kind == TRIGGER
+    return n_event, n_trigger
+
+
+@njit(cache=True)
+def room_evt3(words):
+    """Count the events and triggers that words may hold: as many as `decode_evt3` gives, or more."""
+    n_event, n_trigger = np.int64(0), np.int64(0)
+    for word in words:
+        kind = word >> 12
+        most = np.uint32(word) & np.uint32(0xFFF if kind == MASK_12 else 0xFF if kind == MASK_8 else 0)
+        n_event += np.int64(kind == ADDRESS_X) + np.int64(_bits(most))
+        n_trigger += kind == TRIGGER
+    return n_event, n_trigger
+
+
+@njit(cache=True)
+def decode_evt2(words, width, height, x, y, p, t, trigger_p, trigger_t, trigger_id, state, count, has_mask):
     """Decode EVT 2.0, or EVT 2.1 with `has_mask`.
 
     Parameters
     ----------
     words : (n_word,) uint32 or uint64
         In the machine's byte order.
-    has_mask : bool
-        The words are those of EVT 2.1.
     width, height : int
         Of the sensor [pixels]; events outside are counted, not written.
     x, y, p, t : (n_event,) uint16, uint16, int8, int64
-        Written: events, t in us.
+        Written: events, t in us, from `count` on, as far as there is room: the words may have changed since that was counted.
     trigger_p, trigger_t, trigger_id : (n_trigger,) int8, int64, int16
         Written: edges of the trigger inputs, p = 1 rises.
 
-    Returns
-    -------
-    (N_COUNT,) int64
-        Numbers of events, triggers, events outside, words of unknown type.
+    state, count : (6,) and (N_COUNT,) int64
+        See `fresh`; changed. Counts are the numbers of events, triggers, events outside, words of unknown type.
+    has_mask : bool
+        The words are those of EVT 2.1.
     """
-    count = np.zeros(N_COUNT, np.int64)
-    high, has_time = np.int64(0), False
+    high, has_time = state[0], state[2] > 0
     for i in range(len(words)):
         mask = np.uint32(1)
         word = np.uint32(words[i])
@@ -96,15 +133,14 @@ def decode_evt2(words, has_mask, width, height, x, y, p, t, trigger_p, trigger_t
                 count[N_TRIGGER] += 1
         elif kind != OTHERS and kind != CONTINUED and kind != IMU:
             count[N_UNKNOWN] += 1
-    return count
+    state[0], state[2] = high, has_time
 
 
 @njit(cache=True)
-def decode_evt3(words, width, height, x, y, p, t, trigger_p, trigger_t, trigger_id):
-    """Decode EVT 3.0; parameters and result as those of `decode_evt2`, words uint16."""
-    count = np.zeros(N_COUNT, np.int64)
-    high, low, has_time = np.int64(0), np.int64(0), False
-    row, base, polarity = np.int64(-1), np.int64(-1), 0
+def decode_evt3(words, width, height, x, y, p, t, trigger_p, trigger_t, trigger_id, state, count):
+    """Decode EVT 3.0; parameters as those of `decode_evt2`, words uint16."""
+    high, low, has_time = state[0], state[1], state[2] > 0
+    row, base, polarity = state[3], state[4], state[5]
     for i in range(len(words)):
         word = np.int64(words[i])
         kind = word >> 12
@@ -156,4 +192,4 @@ def decode_evt3(words, width, height, x, y, p, t, trigger_p, trigger_t, trigger_
                 count[N_TRIGGER] += 1
         elif kind != OTHERS and kind != CONTINUED and kind != CONTINUED_4:
             count[N_UNKNOWN] += 1
-    return count
+    state[0], state[1], state[2], state[3], state[4], state[5] = high, low, has_time, row, base, polarity

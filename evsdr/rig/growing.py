@@ -59,7 +59,7 @@ class Growing:
         first, last = high[0], high[-1]
         late = self._late(words[high])
         self._rest, words = words[last:], np.concatenate([self._state, words[first:last]])
-        _, events, edges = decode(self._layout, words)
+        _, events, edges = decode(self._layout, [words])
         if self._layout.name == "EVT3":
             self._state = _state(words, self._rest[0])
         return CameraRecording(
@@ -123,7 +123,7 @@ class Growing:
 def warm_up() -> None:
     """Load, and the first time compile, what decodes, so that nobody waits for it later."""
     for name, word in WORDS.items():
-        decode(Layout(name, 0, 1, 1, None), np.empty(0, word))
+        decode(Layout(name, 0, 1, 1, None), [np.empty(0, word)])
     kernel.advance(0, np.int64(0), 1)
 
 

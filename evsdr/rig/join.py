@@ -9,7 +9,7 @@ import numpy as np
 from evsdr.errors import InputError
 from evsdr.files.arrays import read_npz
 from evsdr.files.atomic import atomic_path
-from evsdr.files.events_h5 import SENSOR_DEFAULTS, write_recording
+from evsdr.files.events_h5 import SENSOR_DEFAULTS, TOLERANCE, write_recording
 from evsdr.files.hdf5 import member, open_hdf5, read_all
 from evsdr.records import Recording, Schedule, Sensor
 from evsdr.rig.camera_file import CameraRecording, between
@@ -164,7 +164,7 @@ def _read_thresholds(path: Path, size: tuple[int, int], region: tuple[int, ...] 
 def read_sensor_values(file: h5py.File) -> dict[str, np.ndarray]:
     """Read what a file tells of a sensor, from its group `sensor` or its root; arrays win over attributes."""
     group = member(file, "sensor") or file
-    fields = {name: group.attrs[name] for name in SENSOR_DEFAULTS if name in group.attrs}
+    fields = {name: group.attrs[name] for name in (*SENSOR_DEFAULTS, TOLERANCE) if name in group.attrs}
     held = {name: member(group, name) for name in SENSOR_DEFAULTS}
     return fields | {name: read_all(item) for name, item in held.items() if isinstance(item, h5py.Dataset)}
 

@@ -29,6 +29,7 @@ from evsdr.rig.protocol import BEAT_S, LOST_S, REPEAT_S, Lines, frame
 BEAT = "65535"  # the number of its requests
 HOST_S = 10.0  # of a host that takes nothing more: it hangs, and the ring shall go dark
 AGAIN_S = 0.002  # until a request is sent again when a line was spoiled
+PRIORITY = 20  # of 1 to 99, among processes that go before all others
 START = "import sys; sys.path[:] = {path!r}; from evsdr.rig.keeper import main; main()"
 
 
@@ -180,10 +181,10 @@ def beat_on(keeper: Keeper) -> None:
         time.sleep(due - now)
 
 
-def go_first() -> None:
+def go_first(priority: int = PRIORITY) -> None:
     """Run before all that can wait, where the system lets us: root, or whom limits.conf gives rtprio."""
     with contextlib.suppress(OSError, AttributeError):  # not on macOS
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(20))
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
 
 
 def main() -> None:

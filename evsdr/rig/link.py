@@ -65,6 +65,7 @@ class Link:
                 pass_fds=descriptors,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
+                start_new_session=True,  # Linux shares the processor out by sessions: this has one of its own
             )
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()

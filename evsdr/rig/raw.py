@@ -1,11 +1,14 @@
 """Read Prophesee RAW files: a header in text, then words of EVT 2.0, EVT 2.1 or EVT 3.0."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from evsdr.errors import InputError
+from evsdr.files.scratch import columns
 from evsdr.records import Events
 from evsdr.rig import evt_words as kernel
 from evsdr.rig.camera_file import (
@@ -21,6 +24,7 @@ from evsdr.rig.camera_file import (
 WORDS = {"EVT2": np.dtype("<u4"), "EVT21": np.dtype("<u8"), "EVT3": np.dtype("<u2")}
 HEADER_SIZE = 1 << 16  # bytes in which a header ends
 UNKNOWN_SHARE = 1e-3  # of the words; with more of unknown type the file is something else
+BLOCK = 1 << 22  # words that are decoded together
 N_GUESS = 1 << 16  # words that tell how the halves of EVT 2.1 are ordered
 
 
@@ -81,14 +85,15 @@ def read_raw(path: str | Path, size: tuple[int, int] | None = None) -> CameraRec
     path = Path(path)
     layout = read_layout(path, size)
     width, height, name = layout.width, layout.height, layout.name
-    words = np.fromfile(path, layout.word, offset=layout.start)
-    if not len(words):
+    words = Words(path, layout)
+    n_word = len(words)
+    if not n_word:
         raise InputError(f"{path}: nothing follows its header; record again.")
-    count, events, edges = decode(layout, straight(path, layout, words))
+    count, events, edges = decode(layout, words)
     n_unknown = count[kernel.N_UNKNOWN]
-    if n_unknown > UNKNOWN_SHARE * len(words):
+    if n_unknown > UNKNOWN_SHARE * n_word:
         raise InputError(
-            f"{path}: {n_unknown / len(words):.1%} of its words are no {name}, the format that its header "
+            f"{path}: {n_unknown / n_word:.1%} of its words are no {name}, the format that its header "
             "names; the file is damaged or its header is another's: copy it again."
         )
     recording = CameraRecording(width, height, events, edges)
@@ -107,6 +112,27 @@ def read_layout(path: Path, size: tuple[int, int] | None = None) -> Layout:
     name, options = _read_format(path, fields)
     width, height = size or read_size(path, _geometry(fields, options), "header does", 2048)
     return Layout(name, start, width, height, options.get("endianness"))
+
+
+@dataclass(frozen=True)
+class Words:
+    """The words of a file, block by block, as often as wanted; their types lie in the highest bits."""
+
+    path: Path
+    layout: Layout
+
+    def __len__(self) -> int:
+        return (self.path.stat().st_size - self.layout.start) // self.layout.word.itemsize
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        layout = self.layout
+        with open(self.path, "rb") as file:
+            file.seek(layout.start)
+            while len(words := np.fromfile(file, layout.word, BLOCK)):
+                if layout.name == "EVT21" and not layout.endianness:  # the first block tells
+                    swapped = _has_swapped_halves(self.path, words, None)
+                    layout = replace(layout, endianness="legacy" if swapped else "little")
+                yield straight(self.path, layout, words)
 
 
 def straight(path: Path, layout: Layout, words: np.ndarray) -> np.ndarray:
@@ -169,20 +195,35 @@ def _has_swapped_halves(path: Path, words: np.ndarray, endianness: str | None) -
     return bool(low > high)
 
 
-def decode(layout: Layout, words: np.ndarray) -> tuple[np.ndarray, Events, Edges]:
-    """Decode words; gives the counts of `evt_words`, events, and edges of the trigger inputs."""
-    name, width, height = layout.name, layout.width, layout.height
+def decode(layout: Layout, words: Iterable[np.ndarray]) -> tuple[np.ndarray, Events, Edges]:
+    """Decode blocks of words; they are gone through twice.
 
-    def run(n_event: int, n_trigger: int) -> tuple[np.ndarray, list[np.ndarray]]:
-        arrays = [np.empty(n_event, kind) for kind in EVENT_FIELDS.values()]
-        arrays += [np.empty(n_trigger, kind) for kind in EDGE_FIELDS.values()]
-        if name == "EVT3":
-            return kernel.decode_evt3(words, width, height, *arrays), arrays
-        return kernel.decode_evt2(words, name == "EVT21", width, height, *arrays), arrays
-
-    room = (len(words), len(words) // 16)  # memory that is not written costs nothing
-    count, arrays = run(*room)
-    n_event, n_trigger = count[kernel.N_EVENT], count[kernel.N_TRIGGER]
-    if n_event > room[0] or n_trigger > room[1]:
-        count, arrays = run(n_event, n_trigger)
-    return count, Events(*(a[:n_event] for a in arrays[:4])), Edges(*(a[:n_trigger] for a in arrays[4:]))
+    Returns
+    -------
+    count : (N_COUNT,) int
+        The counts of `evt_words`.
+    events : Events
+        On disk where memory is short.
+    edges : Edges
+        Of the trigger inputs.
+    """
+    size, masked = (layout.width, layout.height), layout.name == "EVT21"
+    if layout.name == "EVT3":
+        room_of, write = kernel.room_evt3, kernel.decode_evt3
+    else:
+        room_of, write = (
+            partial(kernel.room_evt2, has_mask=masked),
+            partial(kernel.decode_evt2, has_mask=masked),
+        )
+    room = np.sum([room_of(block) for block in words] or [(0, 0)], axis=0).tolist()
+    what = f"a recording of {room[0]} events"
+    arrays = [columns(n, kinds, what) for n, kinds in zip(room, (EVENT_FIELDS, EDGE_FIELDS))]
+    written = [array for kind in arrays for array in kind.values()]
+    state, count = kernel.fresh()
+    for block in words:
+        write(block, *size, *written, state, count)
+    n_event, n_trigger = np.minimum(count[[kernel.N_EVENT, kernel.N_TRIGGER]], room)
+    events, edges = (
+        {name: array[:n] for name, array in kind.items()} for n, kind in zip((n_event, n_trigger), arrays)
+    )
+    return count, Events(**events), Edges(**edges)

@@ -16,6 +16,10 @@ SLOWEST = (
 )
 GAUSS, STUDENT = (2 * np.pi) ** -0.5, 2 / (np.pi * 3**0.5)  # densities at 0, of three degrees of freedom
 TAIL = -16.0  # from which down the probability is a series in 1 / y: float32 can't tell it from 0 otherwise
+MEDIAN_OF_SQUARE = 0.45494  # of a standard normal variable
+SMALLEST = 1e-20  # variance of a residual
+WIDEST = 0.25  # median of u^2, where thresholds are drawn evenly and above 0; derived. More is misfit
+N_BALANCE = 4  # rounds from the median's variance: to 1 % of it for noise that is drawn evenly
 FAR = -2.0  # from which down the curvature is that of the tangent parabola about 0
 
 
@@ -36,6 +40,40 @@ def gaussian_share(width: float) -> float:
     """
     z, weight = np.polynomial.hermite_e.hermegauss(80)
     return float(weight @ (z**2 / (1 + (z / width) ** 2)) / weight.sum())
+
+
+def variance_of(
+    residual: np.ndarray, width: float, beside: float | np.ndarray = 0.0, least: float = 0.0
+) -> np.ndarray:
+    """Give the variance of residuals u (..., n): by the median of |u|, or less where that is of noise without tails.
+
+    By the median, noise that is drawn evenly looks 1.3 times as wide as it is: measured, at 20 %
+    (`tests.support.foreign_pixel`), signals are then 11 % too strong, refractory periods 426 for 300 us, and normals .53 for
+    .27 degrees off. So it is at most that with which robust residuals balance the density of event times: u^2 w / variance
+    is on average what `gaussian_share` has for it (Huber's second proposal, Ann. Math. Statist. 35, 1964). Tails that are
+    longer than a Gaussian's are of what the model does not have, and don't count: measured, in slow white light they made R
+    13 % low.
+
+    Parameters
+    ----------
+    residual : (..., n)
+    width : float
+        Of Cauchy's cost.
+    beside : float or (n,)
+        Variance that is known to be there beside it.
+    least : float
+        Smallest variance.
+    """
+    square, share, known = np.square(residual), gaussian_share(width), np.median(beside)
+    first = whole = np.maximum(np.median(square, axis=-1) / MEDIAN_OF_SQUARE, least + known)
+    for _ in range(N_BALANCE):
+        z = square / np.maximum(whole[..., None] - known + beside, SMALLEST)
+        weighted = np.mean(z / (1 + z / width**2), axis=-1)
+        whole = np.maximum(whole * weighted / share, least + known)
+    usual = np.median(first)
+    shorter = np.median(whole) / usual  # of all together: a few residuals alone do not tell
+    even = usual * MEDIAN_OF_SQUARE < WIDEST
+    return np.maximum((first - known) * (min(shorter, 1.0) if even else 1.0), least)
 
 
 def survival(y):

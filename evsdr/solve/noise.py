@@ -13,6 +13,7 @@ import numpy as np
 
 from evsdr.frozen import recorded
 from evsdr.model.arrays import owned
+from evsdr.solve.law import variance_of
 from evsdr.solve.loss import Loss, relative_residual, scaled, system_table
 from evsdr.solve.pair_data import PairData, ends, unpack_pair
 from evsdr.solve.solution import Data, State
@@ -23,7 +24,7 @@ NOISE_RANGE = (0.005, 1.0)  # of the relative residual
 MISFIT = 0.5  # of that of most pixels, above which events and model contradict each other; guessed
 N_SHOWN = 32  # pairs of a pixel that show its noise
 N_SLOTTED = 128  # pairs of a pixel that show whether those of a slot go together
-SMALLEST_SQUARE = 1e-12  # of a score
+SMALLEST_SQUARE = 1e-12  # of a score, or a residual
 FEW_SLOTS = 8  # as many slots as count for what is true of most pixels; guessed
 MOST_FREEDOM = 2.0  # largest factor for the unknowns that pairs have been fitted with
 MEDIAN_TO_SIGMA = 1.4826  # of |x| for Gaussian x
@@ -65,7 +66,7 @@ def _residuals(system, theta: list, pixel, shown):
 
 
 def scatter_of(data: Data, state: State) -> Scatter:
-    """Measure the scatter of each pixel's residuals, by the median of some."""
+    """Measure the scatter of each pixel's residuals, by some."""
     pairs: PairData = state.pairs
     UInt32 = type(pairs.first)
     count = pairs.counts
@@ -78,7 +79,8 @@ def scatter_of(data: Data, state: State) -> Scatter:
     system = system_of(data, state, Loss(data.robust))
     u = _residuals(system, state.theta, of_pixel, owned(UInt32, shown.ravel()))[0].numpy()
     freedom = np.minimum(np.sqrt(n / np.maximum(n - len(state.theta), 1)), MOST_FREEDOM)
-    return Scatter(pixel, n, MEDIAN_TO_SIGMA * np.median(np.abs(u).reshape(shown.shape), axis=1) * freedom)
+    variance = variance_of(u.reshape(shown.shape), data.robust, least=SMALLEST_SQUARE)
+    return Scatter(pixel, n, np.sqrt(variance) * freedom)
 
 
 @dataclass(frozen=True)

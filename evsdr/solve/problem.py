@@ -11,6 +11,7 @@ from evsdr.model.gloss import GlossyRing
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
 from evsdr.model.metal import MetalRing
+from evsdr.model.rough import RoughRing
 from evsdr.records import Recording
 from evsdr.solve.grid import Grid, make_grid
 from evsdr.solve.pair_data import PairData, pack_phases, pack_slots, without
@@ -38,6 +39,8 @@ class Problem:
         Their gloss.
     metal : Float, optional
         Their roughness, if they are of metal.
+    rough : Float, optional
+        Roughness of their matt part, see `model.rough`.
     view : Array3f, optional
         Unit vectors from surface to camera, see `GlossyRing`.
     start : (n_pixel, n_unknown) float32, optional
@@ -53,6 +56,7 @@ class Problem:
     grid: Grid
     lobe: object = None
     metal: object = None
+    rough: object = None
     view: object = None
     start: np.ndarray | None = None
     told: Pairs | None = None
@@ -79,17 +83,19 @@ class Problem:
         )
 
     @property
-    def model(self) -> LambertianRing | GlossyRing | MetalRing:
+    def model(self) -> LambertianRing | RoughRing | GlossyRing | MetalRing:
         """The forward model."""
         if self.metal is not None:
             return MetalRing(self.illumination, self.metal, self.view)
-        if self.lobe is None:
-            return LambertianRing(self.illumination)
-        return GlossyRing(self.illumination, self.lobe, self.view)
+        if self.lobe is not None:
+            return GlossyRing(self.illumination, self.lobe, self.view, self.rough)
+        if self.rough is not None:
+            return RoughRing(self.illumination, self.rough, self.view)
+        return LambertianRing(self.illumination)
 
-    def model_at(self, index) -> LambertianRing | GlossyRing | MetalRing:
+    def model_at(self, index) -> LambertianRing | RoughRing | GlossyRing | MetalRing:
         """Give the forward model of some pixels, told by a UInt32."""
-        surface = {name: picked(getattr(self, name), index) for name in ("lobe", "metal", "view")}
+        surface = {name: picked(getattr(self, name), index) for name in ("lobe", "metal", "rough", "view")}
         return replace(self, illumination=self.illumination.gather(index), **surface).model
 
 

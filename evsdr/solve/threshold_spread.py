@@ -4,6 +4,7 @@ import drjit as dr
 import numpy as np
 
 from evsdr.solve import triangles
+from evsdr.solve.law import MEDIAN_OF_SQUARE
 
 # Of the logarithm of unknown thresholds, before the pixels tell: of the mean, and over the pixels. With 0.3 of the latter thresholds
 # take up gloss, and of a sculpture of experiments.table1 half of the contrast (29 degrees; 2.4 with 0.1)
@@ -17,7 +18,6 @@ CURVED_SIGMA = (
 )
 LEAST_INFORMATION = 1e-2  # of a pixel: rounding can make it negative
 N_HALVED = 20  # intervals of the variance's logarithm: to 1e-5 of it
-MEDIAN_OF_SQUARE = 0.455  # of a standard normal variable
 
 
 def first_spread(Float: type, found: tuple | None = None) -> list:

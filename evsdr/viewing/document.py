@@ -40,6 +40,7 @@ def page(
     written = written or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M")
     title, word = look.watched.path.name, verdict(checks)
     parts = {
+        "kind": "view",
         "title": escape(title),
         "subtitle": words.subtitle(look, written, __version__),
         "verdict": words.verdict(word, look, checks),

@@ -5,6 +5,7 @@ const NOBODY = { seen: "A recording is under way; this page follows it.", ended:
 
 const link = new WebSocket(`${location.origin.replace("http", "ws")}${location.pathname.replace(/\/?$/, "/feed")}`);
 let ended = false;
+let sharpest = 0;
 link.addEventListener("open", () => (byId("link").textContent = NOBODY.seen));
 link.addEventListener("message", (event) => {
   try {
@@ -28,6 +29,8 @@ function show(told) {
   if (!told.rate) return;
   byId("rounds").textContent = String(told.n_round);
   byId("agree").textContent = told.agree === null ? "–" : `${(100 * told.agree).toFixed(0)} %`;
+  sharpest = Math.max(sharpest, told.sharpness ?? 0);
+  byId("sharp").textContent = told.sharpness ? `${told.sharpness.toFixed(3)} · ${sharpest.toFixed(3)}` : "–";
   byId("now").textContent = ((told.rate.on.at(-2) ?? 0) + (told.rate.off.at(-2) ?? 0)).toLocaleString("en", { maximumSignificantDigits: 2 });
   byId("rate").replaceChildren(rateChart(told.rate));
   byId("slots").replaceChildren(slotChart(told.slots, -1, () => {}));

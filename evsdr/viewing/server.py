@@ -128,7 +128,7 @@ class Server:
 
 def page(title: str, connect: str) -> bytes:
     """Give the page; it may connect to that address only."""
-    parts = {"title": escape(title)}
+    parts = {"kind": "preview", "title": escape(title)}
     return report.assemble(HERE / "preview.html", STYLES, SCRIPTS, parts, {}, connect).encode("utf-8")
 
 

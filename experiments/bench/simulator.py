@@ -82,14 +82,9 @@ class Script:
 
 
 @contextmanager
-def beside_host(
-    vcd: Path | None = None, real: bool = False, last: list[str] | None = None
-) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
-    """Run the bench beside a host; gives the name of its terminal, and the process, to send it commands.
-
-    With `real` the chip's time does not wait for a host that is late; `last` gets the last line of the output.
-    """
-    command = [BENCH, ELF, "--real" if real else "--pty", *(("--vcd", vcd) if vcd else ())]
+def beside_host(vcd: Path | None = None) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+    """Run the bench beside a host; gives the name of its terminal, and the process, to send it commands."""
+    command = [BENCH, ELF, "--pty", *(("--vcd", vcd) if vcd else ())]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
     ) as bench:
@@ -98,9 +93,7 @@ def beside_host(
             yield port, bench
             bench.stdin.write("quit\n")
             bench.stdin.close()
-            told = bench.stdout.read()
-            if last is not None:
-                last += told.splitlines()[-1:]
+            bench.stdout.read()
             bench.wait(timeout=60)
         finally:
             bench.kill()

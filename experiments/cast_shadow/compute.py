@@ -2,9 +2,11 @@
 
 import os
 import warnings
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shutil import copytree, ignore_patterns
+from unittest import mock
 
 import numpy as np
 import trimesh
@@ -14,7 +16,16 @@ from evsdr import Fit, InputWarning, Maps, Recording, Settings, Truth, angular_e
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = REPOSITORY / "scenes"
-WAYS = ("off", "downweight", "estimate", "auto", "latent", "scene")
+WAYS = {
+    "off": Settings(shadows="off"),
+    "paper": Settings(solver="adam", shadows="downweight"),
+    "downweight": Settings(shadows="downweight"),
+    "estimate": Settings(shadows="estimate"),
+    "auto": Settings(),
+    "latent": Settings(shadows="latent"),
+    "events": Settings(shadows="latent"),  # and nothing is traced, see `events_alone`
+    "scene": Settings(shadows="scene"),
+}
 MESHES = {
     "nefertiti": "nefertiti-lowres.obj",
     "skull": "skull_low_resolution.obj",
@@ -182,17 +193,29 @@ def run(case: Case, size: int) -> list[Result]:
     recording, truth = evsdr.simulate(evsdr.load_scene(case.scene, size=size))
     shadow, recording = true_shadow(case.scene, truth, size), one_value(recording)
     results = {}
-    for way in WAYS:
+    for way, settings in WAYS.items():
         if way == "latent" and results["auto"].found is not None:
             results[way] = replace(results["auto"], way=way)
             continue
         scene = evsdr.load_scene(case.known if way == "scene" else case.told, size=size)
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), events_alone() if way == "events" else nullcontext():
             warnings.simplefilter("ignore", InputWarning)
-            fit = evsdr.fit(scene, recording, Settings(shadows=way), truth.mask)
+            fit = evsdr.fit(scene, recording, settings, truth.mask)
         found, seconds = found_hidden(fit, shadow, truth), sum(fit.summary["seconds"].values())
         results[way] = Result(way, fit.maps, truth, shadow.hidden, found, seconds)
     return list(results.values())
+
+
+def events_alone() -> AbstractContextManager:
+    """Let no geometry tell which LEDs are hidden: no shadow is traced, on none that is told nor on that of the fit."""
+    from evsdr.effects import world  # which needs the backend
+
+    find = world.find_visibility
+
+    def asked(problem, solution, given, traced, known):
+        return find(problem, solution, np.ones_like(given), None, False)
+
+    return mock.patch.object(world, "find_visibility", asked)
 
 
 def one_value(recording: Recording) -> Recording:

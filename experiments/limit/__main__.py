@@ -25,6 +25,8 @@ class Options:
 
     quick: bool = False
     """Only the base case, and that of an EVK4."""
+    own_light: int = 0
+    """Only so many recordings of the light that the model has, each pixel solved alone: how near the solver is."""
     size: int = 64
     """Width and height of the images [pixels]."""
     out: Path = OUT
@@ -39,6 +41,13 @@ def main(argv: list[str] | None = None) -> int:
     from . import compute
 
     console = Console(width=120)
+    if options.own_light:
+        scenes = (compute.render(name, options.size) for name in SCENES)
+        own = [
+            row for scene in scenes for row in compute.run_own_light(scene, compute.BASE, options.own_light)
+        ]
+        console.print(tables.own_table(own))
+        return 0
     rows, base, signal = [], [], {}
     for name in SCENES:
         rendered = compute.render(name, options.size)

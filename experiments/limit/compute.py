@@ -143,7 +143,7 @@ def limit(rendered: Rendered, setting: Setting, recording: Recording) -> Limit:
     return limit_of(scene, seen, recording.schedule, setting.rounds, setting.pixel(), TOLD)
 
 
-def recover_own_light(rendered: Rendered, setting: Setting, recording: Recording) -> Maps:
+def recover_own_light(rendered: Rendered, setting: Setting, recording: Recording, seed: int = 0) -> Maps:
     """Record the light that the model has, of one normal per pixel, as a recording did; solve each pixel alone."""
     truth, light = rendered.truth, rendered.object.illumination
     given = truth.normal, truth.reflectance, truth.mask, light, recording.schedule, setting.rounds
@@ -151,7 +151,7 @@ def recover_own_light(rendered: Rendered, setting: Setting, recording: Recording
     number = np.flatnonzero(truth.mask)
     image = np.zeros((light.n_led, *truth.mask.shape))
     image[:, truth.mask] = pixels_of(plan, number).signals(theta_of(plan, number), plan.rig)[:, 0].T
-    recording = record_light(image, setting.constant_light, plan.pixel, plan.schedule, plan.n_round)
+    recording = record_light(image, setting.constant_light, plan.pixel, plan.schedule, plan.n_round, seed)
     problem = make_problem(recording, pair_events(recording, truth.mask), light, truth.mask)
     light, effort = problem.illumination, recipes.Effort(priors=None)
     data = loop.data_of(
@@ -165,6 +165,14 @@ def recover_own_light(rendered: Rendered, setting: Setting, recording: Recording
     return Maps(
         normal, reflectance, truth.mask, np.zeros(truth.mask.shape), np.zeros(reflectance.shape), np.empty(0)
     )
+
+
+def run_own_light(rendered: Rendered, setting: Setting, n: int) -> list[dict]:
+    """Give the figures of `compare` for n recordings of the light that the model has."""
+    recording = record(rendered, setting)
+    least = limit(rendered, setting, recording)
+    maps = (recover_own_light(rendered, setting, recording, seed) for seed in range(n))
+    return [compare(found, rendered.truth, least) | {"scene": rendered.name} for found in maps]
 
 
 def run(

@@ -1,5 +1,6 @@
 """Lay the figures out as tables, for the terminal."""
 
+import numpy as np
 from rich.table import Table
 
 HEADINGS = {
@@ -56,6 +57,17 @@ def ratio_table(rows: list[dict]) -> Table:
     for row in rows:
         ratios = (f"{row[key]:.2f}" for key in keys)
         out.add_row(row["sensor"], row["preset"], "on" if row["priors"] else "none", *ratios)
+    return out
+
+
+def own_table(rows: list[dict]) -> Table:
+    """Show means over the recordings of each scene of error / limit, with their standard errors."""
+    keys = ("angle_ratio", "angle_typical", "reflectance_ratio", "reflectance_typical")
+    out = _table("The model's own light: error / limit", ("scene",), ("angle", "typ.", "refl.", "typ."))
+    for name in dict.fromkeys(row["scene"] for row in rows):
+        some = np.array([[row[key] for key in keys] for row in rows if row["scene"] == name])
+        error = some.std(axis=0, ddof=1) / np.sqrt(len(some)) if len(some) > 1 else [np.nan] * len(keys)
+        out.add_row(name, *(f"{mean:.3f} +- {e:.3f}" for mean, e in zip(some.mean(axis=0), error)))
     return out
 
 

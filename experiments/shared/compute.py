@@ -136,8 +136,9 @@ class Errors:
 
     Attributes
     ----------
-    mae_deg, mapped_deg : float
-        Mean angle, and that up to the linear map of the normals that fits best [deg].
+    mae_deg, known_deg, mapped_deg : float
+        Mean angle [deg]: of all pixels, of those that the fit calls known, and of these up to the linear map of the
+        normals that fits best.
     rmse : float
         Of the reflectance.
     within, reflectance_within : (3,) float
@@ -147,6 +148,7 @@ class Errors:
     """
 
     mae_deg: float
+    known_deg: float
     mapped_deg: float
     rmse: float
     within: np.ndarray
@@ -309,6 +311,7 @@ def errors_of(found: Fit, truth: Truth, seconds: float, share: float) -> Errors:
     off = np.abs(maps.reflectance - truth.reflectance)[known] / maps.reflectance_sigma[known]
     return Errors(
         error["mae_deg"],
+        angle.mean(),
         angular_error_deg(mapped, true).mean(),
         error["rmse"],
         (angle / maps.normal_sigma_deg[known] <= LEVELS).mean(axis=1),
@@ -331,7 +334,7 @@ def against_truth(
     found: Fit, case: Case, rig: Rig, given: Recording, pixelwise: Recording, truth: Truth
 ) -> tuple[dict, int]:
     """Compare what was inferred with what is true; see `Result.found`. Gives the steps that it took, too."""
-    answer = found.decisions["photoreceptor lag"].answer
+    answer = found.decisions["LED powers"].answer  # of what is shared, one for all
     if answer is None:
         return {}, 0
     value, sigma, pixel, out = answer.inferred.rig, answer.inferred.sigma, case.watched.pixel, {}

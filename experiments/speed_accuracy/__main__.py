@@ -5,9 +5,10 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from .compute import WAYS, measure, slopes
+from .compute import WAYS, Result, measure, slopes
 from .draw import draw
 
+BEFORE = 2.0  # seconds that pass before a fit is planned: Python, Mitsuba, reading; measured on 2 quiet cores
 HEAD = "| way | size | rounds | threads | events | seconds | MiB | mean angle [deg] | SAM [deg] | RMSE | stopped |"
 
 
@@ -43,13 +44,19 @@ def main(argv: list[str] | None = None) -> None:
             "yes" if result.stopped else "",
         )
         print(f"| {' | '.join(cells)} |", flush=True)
-    print(f"\nThe machine's own task took {min(result.task for result in results):.3f} s (`REFERENCE`).")
-    for preset, (start, pixel, event) in slopes(results).items():
-        print(f"{preset}: Cost({start:.2g}, {pixel:.2g}, {event:.2g})  # seconds of a fit, a pixel, an event")
+    print(f"\nFor evsdr/fitting/budget.py:\n\n{costs(results)}")
     if options.figure:
         draw(options.figure, results)
     if options.json:
         options.json.write_text(json.dumps([asdict(result) for result in results], indent=1))
+
+
+def costs(results: list[Result]) -> str:
+    """Write what a budget of time goes by, as Python; presets with fewer than three fits are left out."""
+    lines = [f"REFERENCE = {min(result.task for result in results):.3g}", "COST = {"]
+    for preset, (start, pixel, event) in reversed(slopes(results).items()):
+        lines.append(f'    "{preset}": Cost({max(start - BEFORE, 0):.2g}, {pixel:.2g}, {event:.2g}),')
+    return "\n".join([*lines, "}"])
 
 
 if __name__ == "__main__":

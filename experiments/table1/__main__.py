@@ -9,7 +9,7 @@ import numpy as np
 
 from evsdr import InputError, jit
 
-from .cases import BASES, REPOSITORY, list_cases
+from .cases import BASES, N_LED, N_STATE, REPOSITORY, list_cases
 from .recordings import checksums, make
 
 OUT = REPOSITORY / "out" / "table1"
@@ -45,9 +45,14 @@ PAPER = {  # its table 1: angle [deg], SAM [deg], RMSE, MiB
     ("sculptures", 8, "Fyffe"): (34.02, 34.14, 0.1527, 16),
     ("sculptures", 8, "EventSpecPS"): (14.6, 9.09, 0.0541, 7.00),
 }
-COLUMNS = ("mae_deg", "sam_deg", "rmse", "mib")
-HEAD = """| bases | objects | method | angle | median | SAM | RMSE | MiB | s | paper: angle | SAM | RMSE | MiB |
-|---|---|---|---|---|---|---|---|---|---|---|---|---|"""
+PAPERS_RING = (
+    "two stages",
+    "frames, Guo et al.",
+    "frames, Fyffe et al.",
+)  # whose light is made of its 24 LEDs
+COLUMNS = ("mae_deg", "sam_deg", "rmse", "scaled_rmse", "mib")
+HEAD = """| bases | objects | method | angle | median | SAM | RMSE | scaled | MiB | CPU s | paper: angle | SAM | RMSE | MiB |
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -59,29 +64,36 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--objects", type=int, help="of each kind; all ten by default")
     parser.add_argument("--bases", type=int, nargs="+", default=BASES, help="spectral bases of the textures")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS), metavar="METHOD")
+    parser.add_argument(
+        "--rainbow",
+        action="store_true",
+        help="96 colours of a continuous circle for the 24 LEDs; for the first four",
+    )
     parser.add_argument("--pixel", choices=("paper", "ours"), default="paper", help="who makes the events")
     parser.add_argument("--make-only", action="store_true", help="make the recordings and their checksums")
     parser.add_argument("--out", type=Path, help="folder; by default one in out/table1")
     options = parser.parse_args(argv)
     folder = options.out or OUT / f"{options.pixel}_{options.size}"
+    used = [name for name in options.methods if not options.rainbow or name not in PAPERS_RING]
     try:
         jit.start()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    cases = sorted(list_cases(options.objects, tuple(options.bases)), key=lambda case: case.number)
+    given = options.objects, tuple(options.bases), N_STATE if options.rainbow else N_LED
+    cases = sorted(list_cases(*given), key=lambda case: case.number)
     for i, case in enumerate(cases):
         print(f"{i + 1}/{len(cases)} {case.name}", file=sys.stderr, flush=True)
         if not (folder / case.name / "case.json").is_file():
             make(case, folder / case.name, options.size, options.pixel)
         if not options.make_only:
-            apply(options.methods, folder / case.name)
+            apply(used, folder / case.name)
     (folder / "SHA256SUMS").write_text(checksums(folder))
     print(HEAD)
     for n_basis in options.bases:
         for dataset in ("blobs", "sculptures"):
             names = [c.name for c in cases if (c.dataset, c.bases) == (dataset, n_basis)]
-            for method in options.methods:
+            for method in used:
                 print_row(
                     dataset, n_basis, method, [read_scores(folder / name).get(method) for name in names]
                 )
@@ -111,10 +123,12 @@ def print_row(dataset: str, n_basis: int, method: str, scores: list[dict | None]
     if not scores:
         return
     median = np.median([score["mae_deg"] for score in scores])
-    angle, sam, rmse, mib, seconds = (np.mean([s[name] for s in scores]) for name in (*COLUMNS, "seconds"))
+    angle, sam, rmse, scaled, mib, seconds = (
+        np.mean([s[name] for s in scores]) for name in (*COLUMNS, "seconds")
+    )
     paper = PAPER.get((dataset, n_basis, PAPER_METHOD.get(method)))
     beside = " | ".join(f"{value:g}" for value in paper) if paper else " | | |"
-    own = f"{angle:.2f} | {median:.2f} | {sam:.2f} | {rmse:.4f} | {mib:.1f} | {seconds:.0f}"
+    own = f"{angle:.2f} | {median:.2f} | {sam:.2f} | {rmse:.4f} | {scaled:.4f} | {mib:.1f} | {seconds:.0f}"
     print(f"| {n_basis} | {len(scores)} {dataset} | {method} | {own} | {beside} |")
 
 

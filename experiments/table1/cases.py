@@ -23,6 +23,7 @@ HALF_WIDTH = 1.15  # of what the camera sees
 FIT_TO = 1.05  # half width of an object
 BAND_NM = np.array([405, 430, 460, 490, 525, 560, 595, 635])
 N_LED, N_WAVE = 24, 40  # LEDs; waves that displace a blob
+N_STATE, REPEATS = 96, 3  # of a circle behind a rainbow filter; how often each colour comes on either ring
 WIDEST_LOBE = 0.24  # alpha of the paper's widest highlight, of shininess 32: sqrt(2 / (32 + 2))
 THRESHOLD, REFRACTORY_US, ROUNDS = 0.10, 300.0, 6
 
@@ -51,6 +52,8 @@ class Case:
         Length of the recording.
     gloss, roughness : float
         Weight of the glossy lobe, and alpha of its Trowbridge-Reitz distribution.
+    n_led : int
+        LEDs of the ring: N_LED of the paper's bands, or N_STATE places of a continuous circle behind a rainbow filter.
     """
 
     dataset: str
@@ -63,11 +66,22 @@ class Case:
     seconds: float
     gloss: float
     roughness: float
+    n_led: int = N_LED
 
     @property
     def name(self) -> str:
         """Name its folder."""
-        return f"{self.dataset}_{self.number:02d}_{self.bases}"
+        return f"{self.dataset}_{self.number:02d}_{self.bases}{'_rainbow' if self.is_rainbow else ''}"
+
+    @property
+    def is_rainbow(self) -> bool:
+        """Tell whether its ring is not that of the paper's LEDs."""
+        return self.n_led != N_LED
+
+    @property
+    def band_nm(self) -> np.ndarray:
+        """Wavelength of each band [nm]; LED j has band j mod their number."""
+        return np.linspace(*BAND_NM[[0, -1]], self.n_led // REPEATS) if self.is_rainbow else BAND_NM
 
     @property
     def seed(self) -> tuple[int, int]:
@@ -77,10 +91,10 @@ class Case:
     @property
     def slot_us(self) -> float:
         """Length of a slot [us]."""
-        return round(1e6 * self.seconds / (ROUNDS * N_LED))
+        return round(1e6 * self.seconds / (ROUNDS * self.n_led))
 
 
-def draw_case(dataset: str, number: int, bases: int) -> Case:
+def draw_case(dataset: str, number: int, bases: int, n_led: int = N_LED) -> Case:
     """Draw what the paper gives as a range."""
     rng = np.random.default_rng([("blobs", "sculptures").index(dataset), number])
     return Case(
@@ -94,6 +108,7 @@ def draw_case(dataset: str, number: int, bases: int) -> Case:
         seconds=rng.uniform(0.2, 0.4),
         gloss=rng.uniform(0.01, 0.04),
         roughness=rng.uniform(0.10, WIDEST_LOBE),
+        n_led=n_led,
     )
 
 
@@ -102,12 +117,12 @@ def data_folder() -> Path:
     return Path(os.environ.get("EVSDR_DATA") or REPOSITORY.parent / "shared/data") / "meshes"
 
 
-def list_cases(n_object: int | None = None, bases: tuple[int, ...] = BASES) -> list[Case]:
+def list_cases(n_object: int | None = None, bases: tuple[int, ...] = BASES, n_led: int = N_LED) -> list[Case]:
     """List the recordings: some objects of each dataset, or all; sculptures whose mesh is absent are left out."""
     sculptures = [i for i in range(2 * len(MESHES)) if (data_folder() / MESHES[i % len(MESHES)]).is_file()]
     objects = [("blobs", i) for i in range(N_BLOB)][:n_object]
     objects += [("sculptures", i) for i in sculptures][:n_object]
-    return [draw_case(*which, n_basis) for which in objects for n_basis in bases]
+    return [draw_case(*which, n_basis, n_led) for which in objects for n_basis in bases]
 
 
 def shape_of(case: Case) -> Mesh:
@@ -157,21 +172,21 @@ def fitted_mesh(position: np.ndarray, normal: np.ndarray, face: np.ndarray) -> M
 def texture(case: Case) -> np.ndarray:
     """Draw the reflectance (texels, texels, band) of rank `bases`: each texel mixes the spectra by itself."""
     rng = np.random.default_rng([20, *case.seed, case.bases])
-    spectra = np.stack([smooth_spectrum(rng) for _ in range(case.bases)])
+    spectra = np.stack([smooth_spectrum(rng, case.band_nm) for _ in range(case.bases)])
     weight = rng.dirichlet(np.full(case.bases, 0.7), (case.texels, case.texels))
     shade = rng.uniform(0.4, 1.0, (case.texels, case.texels, 1))
     return shade * weight @ spectra
 
 
-def smooth_spectrum(rng: np.random.Generator) -> np.ndarray:
+def smooth_spectrum(rng: np.random.Generator, band_nm: np.ndarray) -> np.ndarray:
     """Draw a reflectance (band), 0.08 to 0.9, that varies over some 60 nm."""
-    distance = (BAND_NM[:, None] - BAND_NM) / 60.0
-    covariance = np.exp(-0.5 * distance**2) + 1e-6 * np.eye(len(BAND_NM))
-    return 0.08 + 0.82 / (1 + np.exp(-2 * np.linalg.cholesky(covariance) @ rng.standard_normal(len(BAND_NM))))
+    distance = (band_nm[:, None] - band_nm) / 60.0
+    covariance = np.exp(-0.5 * distance**2) + 1e-6 * np.eye(len(band_nm))
+    return 0.08 + 0.82 / (1 + np.exp(-2 * np.linalg.cholesky(covariance) @ rng.standard_normal(len(band_nm))))
 
 
-def led_directions(polar_deg: float) -> np.ndarray:
-    """Give the unit vectors (n_led, 3) to the LEDs; LED j has azimuth 15 j degrees and band j mod 8."""
-    azimuth, polar = 2 * np.pi * np.arange(N_LED) / N_LED, np.radians(polar_deg)
+def led_directions(polar_deg: float, n_led: int = N_LED) -> np.ndarray:
+    """Give the unit vectors (n_led, 3) to the LEDs, evenly around."""
+    azimuth, polar = 2 * np.pi * np.arange(n_led) / n_led, np.radians(polar_deg)
     flat = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * np.sin(polar)
-    return np.column_stack([flat, np.full(N_LED, np.cos(polar))])
+    return np.column_stack([flat, np.full(n_led, np.cos(polar))])

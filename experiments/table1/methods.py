@@ -34,18 +34,20 @@ def run(method: str, folder: Path) -> dict[str, float]:
     Returns
     -------
     dict
-        `mae_deg`, `sam_deg`, `rmse`; `mib`, what the method was given, as of 256 x 256 pixels; `seconds`.
+        `mae_deg`, `sam_deg`, `rmse`, and that with the one factor that suits the scene best, `scaled_rmse`; `mib`,
+        what the method was given, as of 256 x 256 pixels; CPU `seconds` of all cores.
     """
     case, truth = read_case(folder)
-    begin = time.perf_counter()
+    begin = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         found, n_byte, note = METHODS[method](folder, case, truth)
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     error = evsdr.score(found, truth)
     mib = n_byte * FULL_SIZE**2 / truth.mask.size / 2**20
     return (
         {name: error[name] for name in ("mae_deg", "sam_deg", "rmse")}
+        | {"scaled_rmse": evsdr.score(scaled(found.normal, found.reflectance, truth), truth)["rmse"]}
         | {"mib": mib, "seconds": seconds}
         | note
     )

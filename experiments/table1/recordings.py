@@ -13,7 +13,6 @@ import evsdr
 from evsdr import EventPixel, Events, Recording, Schedule, Sensor
 
 from .cases import (
-    BAND_NM,
     HALF_WIDTH,
     N_LED,
     REFRACTORY_US,
@@ -43,6 +42,7 @@ def make(case: Case, folder: Path, size: int, pixel: Pixel = "paper") -> None:
     ----------
     pixel : str
         Who makes the events of the ring: `event_maker`, as the paper's simulator, or the pixel of `evsdr.simulate`.
+        What the baselines get is made of the paper's ring alone.
     """
     from .render import render  # late: it imports Mitsuba
 
@@ -55,8 +55,9 @@ def make(case: Case, folder: Path, size: int, pixel: Pixel = "paper") -> None:
     evsdr.write_recording(folder / "events.h5", recording)
     true = {"normal": frames.normal, "reflectance": frames.reflectance, "mask": frames.mask}
     np.savez_compressed(folder / "truth.npz", **true)
-    np.savez_compressed(folder / "two_stage.npz", **watch_stages(case, frames.white, frames.frontal))
-    np.savez_compressed(folder / "frames.npz", image=shoot(case, frames.ring[SHOT_LEDS]))
+    if not case.is_rainbow:
+        np.savez_compressed(folder / "two_stage.npz", **watch_stages(case, frames.white, frames.frontal))
+        np.savez_compressed(folder / "frames.npz", image=shoot(case, frames.ring[SHOT_LEDS]))
     (folder / "case.json").write_text(json.dumps(asdict(case), indent=1) + "\n")
 
 
@@ -135,8 +136,8 @@ def scene_xml(case: Case, size: int) -> str:
         </film>
     </sensor>""",
     ]
-    for j, (x, y, z) in enumerate((-led_directions(case.polar_deg)).round(7).tolist()):
-        nm = BAND_NM[j % len(BAND_NM)]
+    for j, (x, y, z) in enumerate((-led_directions(case.polar_deg, case.n_led)).round(7).tolist()):
+        nm = case.band_nm[j % len(case.band_nm)]
         parts.append(
             f'<emitter type="directional" id="led_{j:02d}"><vector name="direction" x="{x}" y="{y}" z="{z}"/>'
             f'<spectrum name="irradiance" value="{nm - 5}:0, {nm}:0.2, {nm + 5}:0"/></emitter>'

@@ -4,6 +4,7 @@ Bands are single wavelengths: reflectances are textures without colour, one scen
 noise of sampled wavelengths, and the rank of the reflectance is exactly that of its bases.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .cases import BAND_NM, HALF_WIDTH, N_LED, Case, led_directions
+from .cases import HALF_WIDTH, Case, led_directions
 
 DEPTH = 3  # of a path as Mitsuba counts: light, and light by way of one other surface
 SPP = 64  # rays per pixel
@@ -29,7 +30,7 @@ class Frames:
     ring : (n_led, H, W) float32
         Each LED of the ring alone.
     white : (n_led, H, W) float32
-        The same with white LEDs.
+        The same with white LEDs; none for a rainbow.
     frontal : (n_band, H, W) float32
         Light of each band along the camera's axis.
     normal, reflectance, mask
@@ -58,21 +59,21 @@ def render(case: Case, mesh: Path, reflectance: np.ndarray, size: int, spp: int 
     spp : int
         Rays per pixel.
     """
-    leds, front = led_directions(case.polar_deg), np.array([[0.0, 0.0, 1.0]])
-    ring, frontal = np.empty((N_LED, size, size), np.float32), []
-    for b in range(len(BAND_NM)):
-        own = np.arange(N_LED) % len(BAND_NM) == b
+    leds, front = led_directions(case.polar_deg, case.n_led), np.array([[0.0, 0.0, 1.0]])
+    ring, frontal = np.empty((case.n_led, size, size), np.float32), []
+    for b in range(len(case.band_nm)):
+        own = np.arange(case.n_led) % len(case.band_nm) == b
         images = shots(case, mesh, reflectance[..., b], np.concatenate([leds[own], front]), size, spp)
         ring[own] = images[:-1]
         frontal.append(images[-1])
-    white = shots(case, mesh, reflectance.mean(axis=-1), leds, size, spp)
+    white = shots(case, mesh, reflectance.mean(axis=-1), [] if case.is_rainbow else leds, size, spp)
     normal, true, covered = truth(mesh, reflectance, size)
     mask = covered & (ring.max(axis=0) > LIT)
     return Frames(ring, white, np.stack(frontal), normal, true, mask)
 
 
 def shots(
-    case: Case, mesh: Path, grey: np.ndarray, directions: np.ndarray, size: int, spp: int
+    case: Case, mesh: Path, grey: np.ndarray, directions: Sequence[np.ndarray], size: int, spp: int
 ) -> np.ndarray:
     """Render one image (n, H, W) for each direction to a far light; all have the same rays."""
     scene = mi.load_dict(
@@ -91,7 +92,7 @@ def shots(
         )
         parameters.update()
         images.append(np.array(mi.render(scene, seed=0))[..., 0])
-    return np.pi / (FILM_NM[1] - FILM_NM[0]) * np.stack(images).astype(np.float32)
+    return np.pi / (FILM_NM[1] - FILM_NM[0]) * np.array(images, np.float32).reshape(-1, size, size)
 
 
 def up(direction: np.ndarray) -> list[float]:

@@ -1,6 +1,6 @@
 /* Runs the ring's firmware on a simulated ATmega328P.
  *
- *     bench ring.elf [--vcd FILE] [--pty | --real]
+ *     bench ring.elf [--vcd FILE] [--pty]
  *
  * Commands come on standard input, one a line; times are simulated microseconds:
  *
@@ -18,8 +18,7 @@
  * On standard output, with the time before each: lines from the UART; "lit" and "dark" when an output enable
  * starts to go low, or has been high for a millisecond; "reset". With --pty the UART is a terminal whose name
  * is the first line of the output; time then runs no faster than it does outside, and waits a while when the
- * host is silent, so that a busy computer does not look like a lost host. With --real it never waits: it runs as
- * outside, and what it was late at worst is the last line of the output. --vcd records the pins.
+ * host is silent, so that a busy computer does not look like a lost host. --vcd records the pins.
  */
 #include <fcntl.h>
 #include <pty.h>
@@ -276,9 +275,9 @@ static long long wall_ns(void) {
 }
 
 /* Run beside a host on the terminal, millisecond by millisecond. */
-static void accompany(int real) {
+static void accompany(void) {
     struct pollfd input[2] = {{.fd = terminal, .events = POLLIN}, {.fd = 0, .events = POLLIN}};
-    long long due = wall_ns(), latest = 0;
+    long long due = wall_ns();
     int patient = 0;
     for (;;) {
         int wait = patient && avr->cycle - last_heard > SILENCE ? PATIENCE_MS : 0;
@@ -288,25 +287,22 @@ static void accompany(int real) {
             unsigned char chunk[256];
             ssize_t n = read(terminal, chunk, sizeof chunk);
             for (ssize_t i = 0; i < n && !cut; i++) push(chunk[i]);
-            patient = !cut && !real;
+            patient = !cut;
         }
         run_until(avr->cycle + MS, 0);
         due += 1000000;
         long long ahead = due - wall_ns();
         if (ahead > 0) usleep(ahead / 1000);
-        else if (!real) due -= ahead;
-        if (-ahead > latest) latest = -ahead;
+        else due -= ahead;
     }
-    if (real) printf("%.4f late by at most %.1f ms\n", now_us(), 1e-6 * latest);
 }
 
 int main(int argc, char **argv) {
     elf_firmware_t firmware = {0};
     static avr_io_t module = {.kind = "bench", .reset = on_reset};
-    int with_terminal = 0, real = 0;
+    int with_terminal = 0;
     for (int i = 2; i < argc; i++) {
-        if (!strcmp(argv[i], "--real")) real = 1;
-        if (!strcmp(argv[i], "--pty") || real) with_terminal = 1;
+        if (!strcmp(argv[i], "--pty")) with_terminal = 1;
         if (!strcmp(argv[i], "--vcd") && i + 1 < argc) open_vcd(argv[++i]);
     }
     if (argc < 2 || elf_read_firmware(argv[1], &firmware)) return 2;
@@ -338,7 +334,7 @@ int main(int argc, char **argv) {
         printf("%s\n", name);
     }
     avr_reset(avr);
-    if (with_terminal) accompany(real);
+    if (with_terminal) accompany();
     else while (obey_next());
     if (vcd) fprintf(vcd, "#%llu\n", (unsigned long long)avr->cycle * 625), fclose(vcd);
     return 0;

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 
 import evsdr
-from tests.support.foreign_recordings import WATCHED, judge, record
+from tests.support.foreign_pixel import ForeignPixel
+from tests.support.foreign_recordings import WATCHED, Watched, judge, record
 
-SIZE = 24
+SIZE = 16
 # Mean error of the normals [deg] and ratio of reflectance to truth, as now, with room for another seed.
 MILD = {
-    "esim": (0.4, 0.02),
-    "voltmeter": (0.5, 0.03),
-    "eventps": (0.5, 0.10),
-    "iebcs": (0.5, 0.05),
+    "esim": (0.7, 0.02),
+    "voltmeter": (0.7, 0.03),
+    "eventps": (0.7, 0.13),
+    "iebcs": (0.5, 0.10),
 }
 
 
@@ -36,11 +37,20 @@ def test_mild_pixels(name):
 
 
 @pytest.mark.slow
+def test_thresholds_that_are_drawn_evenly():
+    """With the noise's width by the median of residuals: .96 degrees, and R 17 % high."""
+    even = ForeignPixel(0.1, 0.1, event_noise=0.2, uniform=True, refractory_us=300)
+    report = judge(*record(Watched(even), SIZE))
+    assert report.mae_deg < 0.6
+    assert report.reflectance_ratio == pytest.approx(1, abs=0.13)
+
+
+@pytest.mark.slow
 def test_lag_and_noise_are_explained():
     """The published decoder is 3.5 degrees off and more; test_sigma.py has pixels like an EVK4's."""
     report = judge(*record(WATCHED["v2e"], SIZE))
     assert report.known > 0.95
-    assert report.mae_deg < 0.8
+    assert report.mae_deg < 0.7
 
 
 def test_a_recording_goes_through_its_file(tmp_path):

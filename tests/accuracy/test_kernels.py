@@ -16,12 +16,15 @@ SIZE = 16
 @pytest.mark.parametrize(
     ("scene", "fitted", "preset"),
     [
-        ("glossy_sphere", "glossy_sphere", "balanced"),
+        ("glossy_sphere", "glossy_sphere", "fast"),
         ("relief", "relief_unknown", "fast"),
     ],
 )
 def test_another_recording_adds_no_kernel(scene, fitted, preset):
-    """With lag, unknown thresholds, priors, and for a relief shadows on the estimated depth, of as many rays."""
+    """With lag, unknown thresholds, gloss, and for a relief shadows on the estimated depth, of as many rays.
+
+    What neighbours tell is in `tests/experiments/test_kernels.py`.
+    """
     ring = evsdr.load_scene(SCENES / f"{scene}.xml", size=SIZE)
     surface = evsdr.load_scene(SCENES / f"{fitted}.xml", size=SIZE)
     seeds, compiled = iter(range(5)), []

@@ -66,7 +66,7 @@ def with_depth(depth):
 
 def test_auto_finds_the_shadows_of_an_unknown_relief(recorded, tmp_path):
     """`auto` hears them in the events, and what it then gives is much better than `off`."""
-    sensor = camera(width=72, height=72)
+    sensor = camera(width=56, height=56)
     folder = recorded("relief", scene(shape=relief(), light=LIGHT, sensor=sensor))
     unknown = scene(shape=PLANE, light=LIGHT, sensor=sensor)
     off, _ = run(folder, tmp_path, unknown, "--shadows", "off")

@@ -78,7 +78,9 @@ def test_thresholds_command_applies_them_to_a_recording(flicker, tmp_path):
     applied = read_recording(out / "ring.h5").sensor
     np.testing.assert_allclose(applied.contrast_threshold_on, on, rtol=0.02)
     np.testing.assert_allclose(applied.contrast_threshold_off, off, rtol=0.02)
+    assert applied.contrast_threshold_tolerance == 0.02
     with h5py.File(out / "thresholds.h5") as file:
+        assert file["sensor"].attrs["contrast_threshold_tolerance"] == 0.02
         np.testing.assert_array_equal(file["sensor/contrast_threshold_on"][()], applied.contrast_threshold_on)
         assert (file["sensor/contrast_threshold_on_sigma"][()] > 0).all()
     said = json.loads((out / "calibration.json").read_text())

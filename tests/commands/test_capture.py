@@ -120,6 +120,16 @@ def test_a_preview_is_beside_the_whole_recording(options, data, monkeypatch):
     assert told == [(options.out / "recording.raw", (0, 3, -1, 1), 2500.0, 0.75, (0, 0, 64, 48))]
 
 
+def test_to_focus_the_ring_blinks_beside_a_preview(options, data, monkeypatch):
+    steps, told = [], []
+    monkeypatch.setattr(beside, "beside", lambda *given: told.append(given) or noted(steps))
+    ring = StepRing(steps)
+    record_and_join(replace(options, focus=True), FakeCamera(steps, data), lambda: ring)
+    assert told == [(options.out / "recording.raw", (0, -1), 100_000.0, 0.0, None)] and steps[-1] == "end"
+    assert ring.settings.order == (0, -1) and ring.settings.rounds == 3000
+    assert not (options.out / "events.h5").exists()
+
+
 @contextmanager
 def noted(steps):
     steps.append("preview")

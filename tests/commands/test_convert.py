@@ -85,6 +85,7 @@ def test_threshold_file_and_crop(files, camera, rng, kind, cropped):
             group = file.create_group("sensor")
             group["contrast_threshold_on"], group["contrast_threshold_off"] = stored, 0.4
             group.attrs["contrast_threshold_on"], group.attrs["refractory_us"] = on.mean(), 99.0
+            group.attrs["contrast_threshold_tolerance"] = 0.03
     region = ("--crop", "8", "10", "20", "30")
     told = kind == "h5" and not cropped  # else by option, which wins
     refractory = () if told else ("--refractory-us", "30")
@@ -93,6 +94,7 @@ def test_threshold_file_and_crop(files, camera, rng, kind, cropped):
     np.testing.assert_array_equal(read.sensor.contrast_threshold_on, on[10:40, 8:28])
     assert (read.sensor.width, read.sensor.height) == (20, 30)
     assert read.sensor.contrast_threshold_off == pytest.approx(0.4)
+    assert read.sensor.contrast_threshold_tolerance == (0.03 if kind == "h5" else 0)
     assert read.sensor.refractory_us == (99 if told else 30)
     e = camera.events
     inside = (e.t >= STARTS[0]) & (e.t < STARTS[-1]) & (e.x >= 8) & (e.x < 28) & (e.y >= 10) & (e.y < 40)

@@ -62,7 +62,6 @@ def test_the_published_lobe_on_request():
     ("asked", "terms", "words"),
     [
         ("off", Terms(), "asked for by --gloss off"),
-        ("auto", Terms(thorough=False), "preset fast"),
         ("auto", Terms(solver="adam", thorough=False), "as published"),
     ],
 )

@@ -1,5 +1,7 @@
 """Photoreceptors that lag: what is said of them, and that their pixels see a fit's light."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,6 +31,11 @@ def test_a_lag_in_words_and_numbers():
     assert "50 +- 10 us / (I + 0.02) late" in PhotoreceptorLag().say(shared)
     numbers = PhotoreceptorLag().numbers(shared)
     assert numbers == pytest.approx({"tau_us": 50, "tau_sigma_us": 10, "dark": 0.02, "noise": 0.01})
+
+
+def test_noise_that_events_want_but_do_not_tell_is_a_doubt():
+    assert PhotoreceptorLag().doubt(found(), 0.05) == ""
+    assert "0.3 degrees off" in PhotoreceptorLag().doubt(replace(found(), untold_deg=0.3), 0.05)
 
 
 def test_a_lag_found_is_the_worlds():

@@ -52,7 +52,7 @@ def test_what_contradicts_metal_too_is_none(fitted, monkeypatch):
     ("asked", "terms", "words"),
     [
         ("off", Terms(), "--gloss off"),
-        ("auto", Terms(thorough=False), "preset fast"),
+        ("auto", Terms(solver="adam"), "solver adam"),
     ],
 )
 def test_when_it_is_not_looked_for(asked, terms, words):

@@ -63,26 +63,22 @@ def in_unit(us):
     return spoil
 
 
-SPOILT = [
+SPOILT = [  # one of each kind, of which test_hypotheses.py has all
     ("the image is mirrored in x", moved(lambda x, y: LAST - x, lambda x, y: y)),
     ("the image is mirrored in y", moved(lambda x, y: x, lambda x, y: LAST - y)),
-    ("the image is turned by 180 degrees", moved(lambda x, y: LAST - x, lambda x, y: LAST - y)),
     ("the image is turned by 90 degrees clockwise", moved(lambda x, y: LAST - y, lambda x, y: x)),
     ("x and y of the image are swapped", moved(lambda x, y: y, lambda x, y: x)),
-    ("the order of the LEDs is reversed: it starts with 0, 1, 2", scheduled(order=lambda o: o[::-1])),
     ("the order of the LEDs is rolled: it starts with 0, 1, 2", scheduled(order=lambda o: np.roll(o, 8))),
     ("LEDs 3 and 10 are swapped", scheduled(order=lambda o: np.select([o == 3, o == 10], [10, 3], o))),
     ("polarities are flipped", flipped),
     ("the LEDs fade into each other", scheduled(crossfade=lambda c: 0.0)),
     ("slots last 0.1 times what is told", scheduled(slot_us=lambda us: 10 * us)),
-    ("slots last 10 times what is told", scheduled(slot_us=lambda us: us / 10)),
-    ("times are in ns", in_unit(1e-3)),
     ("times are in ms", in_unit(1e3)),
     ("contrast thresholds are not as told", sensed(2.0)),
 ]
 
 
-MENDED = [SPOILT[k][0] for k in (0, 6, 7)]
+MENDED = [SPOILT[k][0] for k in (0, 4, 5)]
 
 
 @pytest.mark.filterwarnings("ignore::evsdr.errors.InputWarning")  # of times
@@ -112,7 +108,7 @@ def test_what_is_told_wrong_is_found_and_mended(what, spoil):
         assert np.median(angle) < 2 and find_error(world, fitted) is None
 
 
-@pytest.mark.parametrize(("what", "spoil"), [SPOILT[k] for k in (0, 1, 6)])
+@pytest.mark.parametrize(("what", "spoil"), [SPOILT[k] for k in (0, 1, 4)])
 def test_a_shape_that_is_not_known_tells_by_curl_and_shadows(what, spoil):
     """Mirrored in x or in y are the same but for a surface that is hollow."""
     found = find_error(*fitted_alone(scene_of("relief_unknown"), spoil(recorded("relief")[0])))
@@ -135,8 +131,7 @@ def test_constant_light_that_is_told_wrong(veil, words):
     assert words in found.hypothesis.what and "constant_light" in found.hypothesis.remedy
 
 
-@pytest.mark.parametrize("name", ["sphere", "relief"])
-@pytest.mark.parametrize("crossfade", [1.0, 0.0])
+@pytest.mark.parametrize(("name", "crossfade"), [("sphere", 0.0), ("relief", 1.0)])
 def test_no_alarm_where_all_is_told_right(name, crossfade):
     ring = scene_of("relief_unknown" if name == "relief" else name)
     assert find_error(*fitted_alone(ring, recorded(name, crossfade)[0])) is None

@@ -1,11 +1,13 @@
 """What pixels share is inferred once, and each effect takes its part, or says why not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mitsuba as mi
 import numpy as np
 import pytest
 
+from evsdr.effects import shared
 from evsdr.effects.clock import TimeShift
 from evsdr.effects.effect import Decision
 from evsdr.effects.lag import PhotoreceptorLag
@@ -103,11 +105,11 @@ def given(case):
 def test_what_pixels_share_is_found_once():
     case = Case.sphere(size=18, wrong={"log_power": power_errors()}, event_noise=0.05)
     world, fitted = given(case)
-    shared = find_shared(world, fitted)
-    assert find_shared(world, fitted) is shared and shared.slot_us == 10_000
-    assert shared.us("refractory")[0] == shared.inferred.rig.refractory * 10_000
+    answer = find_shared(world, fitted)
+    assert find_shared(world, fitted) is answer and answer.slot_us == 10_000
+    assert answer.us("refractory")[0] == answer.inferred.rig.refractory * 10_000
     decision = LedPowers().decide("auto", world, fitted)
-    assert decision.modelled and decision.answer is shared and decision.expected_deg > 0.3
+    assert decision.modelled and decision.answer is answer and decision.expected_deg > 0.3
     assert np.std(np.log(decision.found["power_factor"]) - power_errors()) < 0.02
 
 
@@ -128,6 +130,17 @@ def test_a_lag_is_modelled_where_there_is_one():
     decision = PhotoreceptorLag().decide("auto", *given(case))
     assert decision.modelled and decision.found["tau_us"] == pytest.approx(tau_us, rel=0.15)
     assert "late" in decision.why
+
+
+@pytest.mark.parametrize(
+    "tau, noise, turn_deg, lags",
+    [(5, 0, 1, True), (5, 0, 0.01, False), (2, 8, 1, False), (2, 20, 1, True), (2, 20, 0.01, False)],
+)
+def test_noise_counts_where_light_is_too_slow_for_a_lag(tau, noise, turn_deg, lags):
+    """Values in standard deviations; noise of thresholds passes for a little of it."""
+    rig, sigma = SimpleNamespace(tau=tau, noise=0.01 * noise), SimpleNamespace(tau=1, noise=0.01)
+    found = SimpleNamespace(rig=rig, sigma=sigma, turn_deg={"lag": turn_deg})
+    assert shared._lags(found, SimpleNamespace(terms=Terms())) == lags
 
 
 def test_few_pixels_tell_nothing():
@@ -154,3 +167,6 @@ def test_what_is_left_open_of_what_pixels_share_widens_sigmas():
     np.testing.assert_allclose(wide.normal_sigma_deg, [[0.5, 180]])
     np.testing.assert_allclose(wide.reflectance_sigma[..., 0], [[np.hypot(0.01, 0.01), 1]], rtol=1e-6)
     assert widened(maps, {"b": Decision("b", False, "")}) is maps
+    untold = decision(LedPowers())
+    untold = replace(untold, answer=replace(untold.answer, untold_deg=1.2))
+    np.testing.assert_allclose(widened(maps, {"a": untold}).normal_sigma_deg, [[1.3, 180]])

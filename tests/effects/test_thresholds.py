@@ -12,9 +12,10 @@ from tests.support.shared_worlds import FITTED, decision, found
 from tests.support.shared_worlds import world as shared_world
 
 
-def world(on=0.2, solver="lm", constant_light=0.05, veil=None):
+def world(on=0.2, solver="lm", constant_light=0.05, veil=None, tolerance=0.0):
+    sensor = Sensor(4, 3, on, 0.3, 50.0, contrast_threshold_tolerance=tolerance)
     return SimpleNamespace(
-        recording=SimpleNamespace(sensor=Sensor(4, 3, on, 0.3, 50.0)),
+        recording=SimpleNamespace(sensor=sensor),
         ring=SimpleNamespace(constant_light=constant_light),
         terms=Terms(solver=solver),
         veil=veil,
@@ -26,6 +27,7 @@ def world(on=0.2, solver="lm", constant_light=0.05, veil=None):
     [
         ("auto", {}, True, "one value for all"),
         ("auto", {"on": np.full((3, 4), 0.2)}, False, "those of each pixel"),
+        ("auto", {"on": np.full((3, 4), 0.2), "tolerance": 0.02}, True, "were measured to 2.0%"),
         ("estimate", {"on": np.full((3, 4), 0.2)}, True, "--thresholds estimate"),
         ("known", {}, False, "--thresholds known"),
         ("estimate", {"solver": "adam"}, False, "solver adam"),

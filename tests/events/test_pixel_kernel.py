@@ -9,8 +9,10 @@ from evsdr.events.pixel_kernel import (
     _draw_thresholds,
     _draw_uniform,
     _find_crossing,
+    _gone,
     _lag,
     _log_intensity,
+    _on_circle,
     _Step,
 )
 
@@ -32,6 +34,14 @@ def test_splitmix64():
         state, u = _draw_uniform(state)
         state = np.uint64(state)
         assert u == ((expected >> 11) + 0.5) * 2.0**-53
+
+
+def test_functions_are_right_to_rounding(rng):
+    turn, time = rng.random(2000), 10 ** rng.uniform(-12, 2, 2000)
+    found = np.array([_on_circle(t) for t in [*turn, *np.arange(9) / 8]])
+    angle = 2 * np.pi * np.append(turn, np.arange(9) / 8)
+    np.testing.assert_allclose(found, np.stack([np.cos(angle), np.sin(angle)], 1), rtol=0, atol=1e-15)
+    np.testing.assert_allclose([_gone(t) for t in time], -np.expm1(-time), rtol=1e-15)
 
 
 def test_normal_deviates():

@@ -8,6 +8,7 @@ import pytest
 
 import evsdr
 from evsdr import EventPixel, Maps, Truth
+from evsdr.effects import world
 from evsdr.solve.visibility import Seen
 from experiments.cast_shadow import __main__ as command
 from experiments.cast_shadow import compute
@@ -76,10 +77,11 @@ def test_a_moved_pole_casts_its_shadow_elsewhere(tmp_path):
 @pytest.mark.parametrize("found", [False, True])
 def test_each_way_is_told_what_it_may_know(tmp_path, monkeypatch, found):
     """The shape only for `scene`; thresholds as one value; the pixels of the object. Nothing is fitted twice."""
-    told = {}
+    told, traced = [], world.find_visibility
 
     def fit(scene, recording, settings, mask):
-        told[settings.shadows] = scene.shape_is_known, recording.sensor, mask
+        untraced = world.find_visibility is not traced
+        told.append((settings, untraced, scene.shape_is_known, recording.sensor, mask))
         seen = Seen(np.ones((24, np.count_nonzero(mask))), None, None)
         decision = SimpleNamespace(modelled=found, answer=seen)
         return SimpleNamespace(maps=truth, decisions={"cast shadows": decision}, summary={"seconds": {}})
@@ -89,9 +91,11 @@ def test_each_way_is_told_what_it_may_know(tmp_path, monkeypatch, found):
     monkeypatch.setattr(evsdr, "simulate", lambda scene: (recording, truth))
     monkeypatch.setattr(evsdr, "fit", fit)
     assert [r.way for r in compute.run(relief, SIZE)] == list(compute.WAYS)
-    assert set(told) == set(compute.WAYS) - ({"latent"} if found else set())
-    for way, (known, sensor, mask) in told.items():
-        assert known == (way == "scene") and mask is truth.mask
+    ways = [way for way in compute.WAYS if way != "latent" or not found]
+    assert [settings for settings, *_ in told] == [compute.WAYS[way] for way in ways]
+    assert world.find_visibility is traced
+    for way, (_, untraced, known, sensor, mask) in zip(ways, told):
+        assert known == (way == "scene") and untraced == (way == "events") and mask is truth.mask
         assert sensor.contrast_threshold_on == pytest.approx(EventPixel().contrast_threshold_on, rel=0.02)
         assert isinstance(sensor.contrast_threshold_off, float)
 

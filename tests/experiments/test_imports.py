@@ -12,21 +12,23 @@ EXPERIMENTS = REPOSITORY / "experiments"
 MEASURED = {
     "ablation": {"solve.tuning"},
     "batch": {"jobs"},
-    "bench": {"commands.console", "rig", "events.phase", "fitting.simulation"},
+    "bench": {"calibration.thresholds", "commands.console", "rig", "events.phase", "fitting.simulation"},
     "benchmark.py": {"jit"},
-    "cast_shadow": {"light"},  # tells where shadows are
+    "cast_shadow": {"light", "effects.world"},  # tells where shadows are, and traces none
     "colour_chart": {"files.daylight"},
     "daylight_table.py": {"files.daylight"},
-    "diligent_ball": {"files.photographs"},
     "extremes": {"jit"},  # which Mitsuba's transformations need first
     "fuzz": {"files", "rig", "calibration", "jit"},
     "gloss": {"fitting.simulation", "light"},  # adds a lobe to rendered images
     "lamp.py": {"events"},
     "limit": {"limits", "jit", "events", "model", "solve"},  # fits single pixels under the model's own light
+    "materials": {"events.record", "fitting.simulation", "light"},  # wraps light around rendered images
     "picture.py": {"files.daylight"},
+    "real_frames": {"files.photographs"},
     "shared": {"solve.shared"},
     "fitting.py": {"threads"},
     "speed_accuracy": {"fitting.budget"},
+    "stages.py": {"rig", "__version__"},
     "sigma": {"fitting.simulation", "solve.shared"},  # gives rendered images to another event pixel
     "view_faults.py": {"viewing", "fitting.simulation"},  # spoils rendered images
     "table1": {"jit", "scenes"},  # renders by stock Mitsuba

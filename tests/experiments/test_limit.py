@@ -10,7 +10,7 @@ from evsdr.records import Maps, Truth
 from experiments.colour_chart import __main__ as chart_command
 from experiments.colour_chart import compute as chart
 from experiments.limit import __main__ as experiment
-from experiments.limit import compute, summary
+from experiments.limit import compute, summary, tables
 from experiments.limit.errors import compare, shares_within
 
 
@@ -59,6 +59,13 @@ def test_errors_count_where_they_can_be_small():
     assert figures["reflectance_ratio"] == pytest.approx(figures["reflectance"] / 0.02)
     assert figures["reflectance_typical"] == pytest.approx(1.75 / 0.6745)
     assert figures["mae_deg"] == pytest.approx(61 / 4)  # over all pixels
+
+
+def test_ratios_of_own_light_are_means_with_their_errors():
+    keys = ("angle_ratio", "angle_typical", "reflectance_ratio", "reflectance_typical")
+    rows = [{"scene": "sphere"} | dict.fromkeys(keys, ratio) for ratio in (1.0, 1.1, 1.2)]
+    (cells,) = zip(*(column.cells for column in tables.own_table(rows).columns))
+    assert cells == ("sphere", *["1.100 +- 0.058"] * 4)
 
 
 def test_nothing_known_is_no_number():

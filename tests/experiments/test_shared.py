@@ -1,11 +1,13 @@
 """The rig told wrong: what is true against what is told, and how a table shows it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from evsdr.solve.shared.rig import across
+from experiments.shared import pixels
 from experiments.shared.__main__ import error_table, values_table
 from experiments.shared.compute import (
     ALL_WRONG,
@@ -20,6 +22,8 @@ from experiments.shared.compute import (
     told_rig,
     told_wrong,
 )
+from tests.support.foreign_pixel import ForeignPixel
+from tests.support.foreign_recordings import Report
 
 SIZE = 8
 
@@ -71,7 +75,7 @@ def test_cases_have_names_of_their_own():
 
 
 def test_rows_are_means_over_recordings():
-    good = Errors(1.0, 0.5, 0.02, np.array([0.4, 0.8, 0.9]), np.array([0.5, 0.7, 0.8]), 2.0, 0.25)
+    good = Errors(1.0, 0.8, 0.5, 0.02, np.array([0.4, 0.8, 0.9]), np.array([0.5, 0.7, 0.8]), 2.0, 0.25)
     bad = replace(good, mae_deg=3.0, rmse=0.04)
     results = [
         Result(bad, bad, good, good, {"tau": (tau, 53.0, z), "powers": (0.01, 0.1, 1.0)}, steps)
@@ -81,7 +85,37 @@ def test_rows_are_means_over_recordings():
     assert cells[:7] == (
         "a", "3.000 0.0400", "3.000 0.0400", "1.000 0.0200", "1.000 0.0200", "3.00 2.00", "3.00 2.00"
     )  # fmt: skip
-    assert cells[7:] == ("0.500 0.500", "40 80 90", "50 70 80", "2.0", "2.0", "25 %")
+    assert cells[7:] == (
+        "0.800 0.800 0.800",
+        "0.500 0.500 0.500",
+        "40 80 90",
+        "50 70 80",
+        "2.0",
+        "2.0",
+        "25 %",
+    )
     (cells,) = zip(*(column.cells for column in values_table({"a": results}).columns))
     assert cells[1] == "52 | 53 (-1.0)" and cells[2] == "" and cells[-1] == "6"
     assert cells[8] == "1 % | 10 % (+1.0)"
+
+
+def test_a_row_of_a_foreign_pixel():
+    """Means over its recordings; what it shares is of the first, and no lag is written where none is modelled."""
+    rig = SimpleNamespace(dark=0.0, noise=0.0, log_threshold=np.log([0.99, 1.01]))
+    sigma = SimpleNamespace(dark=0.1, noise=0.1, log_threshold=np.array([0.01, 0.02]))
+    answer = SimpleNamespace(inferred=SimpleNamespace(rig=rig, sigma=sigma), us=lambda _: (50.0, 3.0))
+
+    def cells(lags):
+        powers, lag = SimpleNamespace(answer=answer), SimpleNamespace(modelled=lags)
+        fit = SimpleNamespace(decisions={"LED powers": powers, "photoreceptor lag": lag})
+        ours = [
+            Report(angle, 0.02, 1.01, np.array([0.6, 0.9, 1.0]), np.array([0.5, 0.8, 0.9]), 1.0, fit)
+            for angle in (0.2, 0.4)
+        ]
+        return pixels.row(12.0, ours, ours, ForeignPixel(tau_us=53.0))
+
+    assert cells(False) == (
+        "12", "0.30", "0.0200", "1.010", "60 90 100", "50 80 90", "0.30", "0.0200",
+        "", "", "", "0.99 | 1 +- 0.01", "1.01 | 1 +- 0.02",
+    )  # fmt: skip
+    assert cells(True)[8] == "50 | 53 +- 3"

@@ -2,7 +2,8 @@
 
 import pytest
 
-from evsdr.fitting.budget import COST
+from evsdr.fitting.budget import COST, Cost
+from experiments.speed_accuracy.__main__ import costs
 from experiments.speed_accuracy.compute import PRESETS, Result, slopes
 from experiments.speed_accuracy.draw import draw, front
 
@@ -19,6 +20,16 @@ def test_slopes_are_found():
         assert found[preset] == pytest.approx((cost.start, cost.pixel, cost.event), rel=1e-6)
     assert set(COST) == set(PRESETS)
     assert slopes([result("fast", *sizes[0], 1.0)]) == {}
+
+
+def test_costs_are_written_as_the_budget_reads_them():
+    results = [
+        result(way, n, 90 * n, 4 + n / 1000) for way in ("fast", "balanced") for n in (1000, 3000, 9000)
+    ]
+    found = {}
+    exec(costs(results), {"Cost": Cost}, found)
+    assert found["REFERENCE"] == 0.05 and list(found["COST"]) == ["balanced", "fast"]
+    assert found["COST"]["fast"].seconds(3000, 270_000) == pytest.approx(5.0, rel=0.02)
 
 
 def test_the_front_holds_what_no_other_beats(tmp_path):

@@ -9,9 +9,9 @@ from evsdr.scenes.formats import Mesh, write_ply
 from evsdr import Truth, angular_error_deg
 from experiments.table1 import __main__ as command
 from experiments.table1 import frames, methods, two_stage
-from experiments.table1.cases import draw_case, led_directions, list_cases, texture
+from experiments.table1.cases import N_STATE, draw_case, led_directions, list_cases, texture
 from experiments.table1.event_maker import EPS, make_events, slot_frames
-from experiments.table1.recordings import SHOT_LEDS, checksums, shoot
+from experiments.table1.recordings import SHOT_LEDS, checksums, scene_xml, shoot
 
 N_PIXEL = 40
 LIGHT = led_directions(40.0)[SHOT_LEDS]
@@ -129,6 +129,18 @@ def test_cases_stay_within_the_ranges_of_the_paper():
         assert 0.2 <= 6 * 24 * c.slot_us / 1e6 + 1e-4 and 6 * 24 * c.slot_us / 1e6 <= 0.4001
 
 
+def test_a_rainbow_has_each_colour_three_times():
+    case, paper = draw_case("blobs", 2, 3, N_STATE), draw_case("blobs", 2, 3)
+    assert len(case.band_nm) == 32 and np.diff(case.band_nm).max() < 8
+    assert case.n_led * case.slot_us == pytest.approx(24 * paper.slot_us, rel=0.01)  # the same round
+    assert case.name != paper.name and (case.noise, case.told) == (paper.noise, paper.told)
+    assert texture(case).shape == (case.texels, case.texels, 32)
+    found = scene_xml(case, 8)
+    assert found.count("<emitter") == 96 and found.count('value="400.0:0, 405.0:0.2') == 3
+    azimuth = np.unwrap(np.arctan2(*led_directions(40.0, N_STATE)[:, 1::-1].T))
+    np.testing.assert_allclose(np.diff(azimuth), np.radians(3.75))
+
+
 def test_shots_are_averaged_to_the_light():
     case, signal = draw_case("blobs", 0, 1), np.full((8, 30, 30), 0.3)
     np.testing.assert_allclose(shoot(case, signal).mean(), 0.3, rtol=1e-3)
@@ -141,7 +153,7 @@ def test_one_factor_is_given_to_what_is_not_absolute(rng):
 
 
 def test_the_table_has_the_papers_figures_beside(capsys, tmp_path):
-    score = {"mae_deg": 2.0, "sam_deg": 1.0, "rmse": 0.01, "mib": 13.0, "seconds": 3.0}
+    score = {"mae_deg": 2.0, "sam_deg": 1.0, "rmse": 0.01, "scaled_rmse": 0.01, "mib": 13.0, "seconds": 3.0}
     command.print_row("blobs", 1, "two stages", [score, None])
     assert capsys.readouterr().out.count("9.61 | 9.1 | 0.0302 | 13.31") == 1
     (tmp_path / "truth.npz").write_bytes(b"")

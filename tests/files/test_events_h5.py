@@ -58,6 +58,18 @@ def test_brightness_and_constant_light_may_be_untold(tmp_path, recording):
     assert schedule.trim is None and schedule.constant_light_on is None
 
 
+def test_how_well_thresholds_were_measured_is_kept(tmp_path, recording):
+    assert recording.sensor.contrast_threshold_tolerance == 0.0
+    for tolerance in (0.02, -0.02):
+        sensor = replace(recording.sensor, contrast_threshold_tolerance=tolerance)
+        write_recording(tmp_path / "a.h5", replace(recording, sensor=sensor))
+        if tolerance > 0:
+            assert read_recording(tmp_path / "a.h5").sensor.contrast_threshold_tolerance == tolerance
+        else:
+            with pytest.raises(InputError, match="contrast_threshold_tolerance of sensor is -0.02"):
+                read_recording(tmp_path / "a.h5")
+
+
 def test_mean_of_thresholds_stands_as_attribute(path, recording):
     with h5py.File(path) as file:
         mean = file["sensor"].attrs["contrast_threshold_on"]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import evsdr
-from evsdr.fitting.misfit import in_words, places
+from evsdr.fitting.misfit import in_words, least_of, places
 from evsdr.solve.noise import Slotted
 
 N_PIXEL, N_LED, N_ROUND = 144, 4, 6
@@ -51,11 +51,17 @@ def test_places_are_named(rng, wrong, words):
     assert words in said(slots(rng, wrong))
 
 
+def test_noise_does_not_come_again_and_what_does_is_measured(rng):
+    assert least_of(slots(rng, noise=0.3)) < 0.03
+    assert 0.08 < least_of(slots(rng, lambda row, column, led, light: 0.1)) <= 0.11
+
+
 def test_few_events_tell_nothing(rng):
     few = slots(rng)
     lists = "pixel", "group", "score", "start", "end", "light"
     few = replace(few, **{name: getattr(few, name)[:20] for name in lists})
     assert said(few) == "too few events to tell"
+    assert least_of(few) == 0
     none = Slotted(*np.zeros((2, 0), int), *np.zeros((4, 0)), (N_PIXEL, 2 * N_LED))
     assert in_words(none, places(none, SLOT_LEDS, N_LED, MASK), 0.1) == "too few events to tell"
 

@@ -14,7 +14,7 @@ from evsdr.solve import trial
 
 FAST = evsdr.Settings(preset="fast")
 ALL = {"LEDs", "cast shadows", "rays per pixel", "hot pixels", "contrast thresholds", "refractory period"}
-ALL |= {"set-up", "wiring", "photoreceptor lag", "light paths", "gloss", "metal", "translucency"}
+ALL |= {"set-up", "wiring", "photoreceptor lag", "light paths", "gloss", "metal", "translucency", "matt part"}
 ALL |= {"LED powers", "LED directions", "shift of all times", "leak", "slot length"}
 
 
@@ -83,6 +83,7 @@ def test_every_effect_is_decided_on_and_reported(given):
         assert found.summary["model"][name] == found.decisions[name].why
 
 
+@pytest.mark.filterwarnings("ignore:.*come again in every round:evsdr.InputWarning")  # of light that is left out
 @pytest.mark.parametrize(("limit_deg", "modelled"), [(0.05, True), (50.0, False)])
 def test_one_limit_for_all(tmp_path, limit_deg, modelled):
     """What costs more than the limit is modelled, what costs less is not."""

@@ -77,7 +77,9 @@ def test_what_a_tile_tells_is_taken_over():
 def test_a_fit_in_tiles_is_that_of_the_whole(place, small, monkeypatch):
     ring, recording = evsdr.load_scene(place / "scene.xml"), evsdr.read_recording(place / "events.h5")
     fast = evsdr.Settings(preset="fast")
-    found = evsdr.fit(ring, recording, fast)
+    said = []
+    found = evsdr.fit(ring, recording, fast, progress=lambda stage, share: said.append(stage))
+    assert any(stage.startswith("tiles, 2 of ") for stage in said)
     monkeypatch.setattr(tiles, "AT_ONCE", 10**6)
     whole = evsdr.fit(ring, recording, fast)
     assert "tiles" in found.summary["seconds"] and "tiles" not in whole.summary["seconds"]

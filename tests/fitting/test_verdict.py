@@ -56,6 +56,12 @@ def test_a_fit_that_was_stopped_is_doubtful():
     )
 
 
+def test_residuals_that_come_again_in_every_round_are_a_doubt():
+    again = said("^b.h5: residuals of 0.07 of a threshold come again", world(), fitted(), False, 0.07)
+    assert again.startswith("doubtful: b.h5: ")
+    assert str(judge(world(), fitted(), recurring=0.03)) == TRUSTWORTHY
+
+
 def test_what_is_not_modelled_does_not_warn():
     given = world(decisions={"wiring": replace(MENDED, modelled=False)})
     assert str(judge(given, fitted())) == TRUSTWORTHY

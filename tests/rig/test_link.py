@@ -30,14 +30,19 @@ def talk():
 def test_answers_come_back_and_statuses_by_themselves(talk):
     fake, link, heard = talk
     assert link.ask("HELLO").values["leds"] == "24"
-    fake.answer = lambda text: fake.say(f"{text.split(' ')[0]} ERR 4 bad argument")
+    fake.hear = lambda text: fake.say(f"{text.split(' ')[0]} ERR 4 bad argument")
     with pytest.raises(RingRefused, match="4 bad argument"):
         link.ask("SLOT 0 0")
-    del fake.answer
+    del fake.hear
     end = time.monotonic() + 10
     while len(heard) < 3 and time.monotonic() < end:
         time.sleep(0.005)
     assert heard[:3] == ["status"] * 3 and link.silence_ms > 0
+
+
+def test_the_process_is_alone_in_its_session(talk):
+    _, link, _ = talk
+    assert os.getsid(link._process.pid) == link._process.pid
 
 
 def test_a_ring_that_is_silent_is_lost(talk):

@@ -19,6 +19,17 @@ def test_round_trip(tmp_path, rng, kind):
     assert_same(read_raw(path), camera)
 
 
+@pytest.mark.parametrize("kind", FORMATS)
+def test_blocks_go_on_where_the_last_ended(tmp_path, rng, kind, monkeypatch):
+    """Rows, masks and times reach over the end of a block; events on disk are those in memory."""
+    monkeypatch.setattr("evsdr.rig.raw.BLOCK", 7)
+    monkeypatch.setattr("evsdr.files.scratch.SHARE", 0.0)
+    camera = random_recording(rng, 600, 50, duration_us=3 * 2**24, width=1280, height=720)
+    path = tmp_path / "a.raw"
+    path.write_bytes(encode_raw(camera, kind).replace(b";endianness=legacy", b""))
+    assert_same(read_raw(path), camera)
+
+
 @pytest.mark.parametrize("kind", ["EVT2", "EVT21", "EVT21 legacy"])
 def test_clock_of_34_bits_runs_over(tmp_path, rng, kind):
     camera = random_recording(rng, n_event=3000, n_edge=9, duration_us=4_000_000, start_us=2**34 - 2_000_000)

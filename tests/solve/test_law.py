@@ -39,3 +39,21 @@ def test_cauchy_grows_slowly():
     value, weight = (v.numpy() for v in law.cauchy(mi.Float(0.5 * Y**2), mi.Float(2.0)))
     np.testing.assert_allclose(value, 2 * np.log1p(Y**2 / 4), rtol=1e-5)
     np.testing.assert_allclose(weight, 1 / (1 + Y**2 / 4), rtol=1e-5)
+
+
+@pytest.mark.parametrize("beside", [0.0, np.linspace(0, 0.02, 40_000)])
+def test_variance_of_noise_without_tails(rng, beside):
+    """By the median alone it comes out 1.6 times as large."""
+    size = 1 if np.ndim(beside) else 5
+    known = np.sqrt(beside) * rng.standard_normal((size, 40_000))
+    even = np.sqrt(0.03) * rng.uniform(-1, 1, (size, 40_000)) + known
+    gaussian = 0.1 * rng.standard_normal((size, 40_000)) + known
+    np.testing.assert_allclose(law.variance_of(gaussian, 3.0, beside), 0.01, rtol=0.15)
+    np.testing.assert_allclose(law.variance_of(even, 3.0, beside), 0.01, rtol=0.25)
+
+
+def test_variance_does_not_hear_long_tails(rng):
+    u = 0.1 * rng.standard_normal(100_000)
+    u[::20] *= 20
+    assert law.variance_of(u, 3.0) == pytest.approx(0.01, rel=0.2)
+    assert law.variance_of(np.zeros(9), 3.0, 0.02, 1e-4) == pytest.approx(1e-4)

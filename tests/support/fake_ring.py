@@ -7,10 +7,11 @@ import time
 import tty
 
 from evsdr.rig.protocol import frame, unframe
+from experiments.bench.stand_in import StandIn
 
 
-class FakeRing:
-    """Runs in a thread while it is open.
+class FakeRing(StandIn):
+    """Runs in a thread while it is open; what it is told it keeps in `commands`.
 
     Parameters
     ----------
@@ -23,10 +24,8 @@ class FakeRing:
     """
 
     def __init__(self, protocol=1, spoil=lambda line: line, round_s=0.05):
-        self.protocol, self.spoil, self.round_s = protocol, spoil, round_s
-        self.commands, self.silent = [], False
-        self.lit = self.light = False
-        self.rounds, self.asked, self.cause, self.start = 0, 0, "none", 0.0
+        super().__init__(round_s, protocol)
+        self.spoil, self.commands, self.silent = spoil, [], False
 
     def __enter__(self):
         self.master, slave = os.openpty()
@@ -46,19 +45,12 @@ class FakeRing:
     def serve(self):
         rest = b""
         while self.open:
-            self.advance()
+            self.advance(time.monotonic())
             if not select.select([self.master], [], [], 0.002)[0]:
                 continue
             *lines, rest = (rest + os.read(self.master, 4096)).split(b"\n")
             for line in filter(None, lines):
-                self.answer(unframe(self.spoil(line)))
-
-    def advance(self):
-        """Let the run go on."""
-        if self.lit:
-            self.rounds = int((time.monotonic() - self.start) / self.round_s)
-            if self.asked and self.rounds >= self.asked:
-                self.rounds, self.lit, self.cause = self.asked, False, "done"
+                self.hear(unframe(self.spoil(line)))
 
     def reset(self):
         """Start anew, as after a press of the button."""
@@ -69,26 +61,8 @@ class FakeRing:
         if not self.silent:
             os.write(self.master, self.spoil(frame(text)[:-1]) + b"\n")
 
-    def answer(self, text):
+    def hear(self, text):
         if text is None:
             return self.say("- ERR 1 checksum")
-        number, name, *arguments = text.split(" ")
-        self.commands.append(" ".join([name, *arguments]))
-        words = ""
-        if name == "HELLO":
-            words = f" fake protocol={self.protocol} leds=24 slots=256 alive_ms=40 max_on_us=2000000"
-        elif name == "STATUS":
-            cause = "none" if self.lit else self.cause
-            words = f" run={int(self.lit)} rounds={self.rounds} light={int(self.light)} cause={cause}"
-        elif name == "SLOT":
-            periods, extra = divmod(16 * int(arguments[0]), 256)
-            words = f" periods={periods} extra={extra} fade={round(periods * int(arguments[1]) / 1e6)}"
-        elif name == "ROUNDS":
-            self.asked = int(arguments[0])
-        elif name == "LIGHT":
-            self.light = arguments == ["1"]
-        elif name == "RUN" and not self.lit:
-            self.lit, self.cause, self.start = True, "none", time.monotonic()
-        elif name == "STOP" and self.lit:
-            self.lit, self.cause = False, "stop"
-        return self.say(f"{number} OK{words}")
+        self.commands.append(text.partition(" ")[2])
+        return self.say(self.answer(text, time.monotonic()))

@@ -1,11 +1,8 @@
 """Recordings by foreign pixels of a sphere under a ring, and how well a fit explains them.
 
-    python -m tests.support.foreign_recordings [NAME ...]
-
-prints a table: for each pixel the default fit and the published decoder.
+`python -m experiments.shared --pixels` prints a table of them.
 """
 
-import sys
 import warnings
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -151,7 +148,7 @@ class Report(NamedTuple):
     within: np.ndarray
     reflectance_within: np.ndarray
     known: float
-    model: dict
+    fit: evsdr.Fit
 
 
 def open_ring(watched: Watched, size: int, constant_light: float):
@@ -204,31 +201,4 @@ def judge(ring, recording: Recording, truth: Truth, **settings) -> Report:
     within = (sigmas <= levels).mean(axis=1)
     reflectance_within = (off.ravel() <= levels).mean(axis=1)
     share = known.sum() / truth.mask.sum()
-    return Report(
-        error["mae_deg"], error["rmse"], ratio, within, reflectance_within, share, found.summary["model"]
-    )
-
-
-def main(names: list[str]) -> None:
-    """Print the table."""
-    evsdr.load_scene(SCENE, size=8)  # starts Mitsuba
-    print("pixel, events | lm: deg, RMSE, R / true, % within 1 2 3 sigma: normals, R | adam: deg, RMSE | lag")
-    for name in names or WATCHED:
-        ring, recording, truth = record(WATCHED[name])
-        ours, theirs = judge(ring, recording, truth), judge(ring, recording, truth, solver="adam")
-        normals, reflectances = (_percent(w) for w in (ours.within, ours.reflectance_within))
-        columns = (
-            f"{name:15s} {len(recording.events):6d}",
-            f"{ours.mae_deg:5.2f} {ours.rmse:.4f} {ours.reflectance_ratio:.3f} {normals}  {reflectances}",
-            f"{theirs.mae_deg:5.2f} {theirs.rmse:.4f}",
-            ours.model.get("photoreceptor lag", ""),
-        )
-        print(" | ".join(columns), flush=True)
-
-
-def _percent(shares: np.ndarray) -> str:
-    return " ".join(f"{100 * share:3.0f}" for share in shares)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+    return Report(error["mae_deg"], error["rmse"], ratio, within, reflectance_within, share, found)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evsdr.viewing.moment import lock, moment
+from evsdr.viewing.moment import lock, moment, sharpness
 from evsdr.viewing.sums import Sums
 from tests.support.grown_files import as_camera, ball
 from tests.support.watched_files import N_LED, SIZE, ball_signal
@@ -37,6 +37,16 @@ LATE = replace(as_camera(ball()), edges=replace(as_camera(ball()).edges, t=as_ca
 def test_the_lock_is_told_in_words(sums, state, words):
     told = lock(sums)
     assert told.state == state and re.search(words, told.words), told
+
+
+def test_blur_lowers_the_sharpness_and_brightness_does_not(rng):
+    level = np.where(np.indices((24, 24)).sum(0) // 6 % 2, 1.0, -1.0)[None]
+    blurred = (level + np.roll(level, 1, 1) + np.roll(level, 1, 2) + np.roll(level, (1, 1), (1, 2))) / 4
+    seen = rng.random((24, 24)) < 0.9
+    sharp = sharpness(level, seen)
+    assert sharpness(blurred, seen) < 0.8 * sharp and sharpness(3 * level + 1, seen) == sharp
+    assert sharpness(rng.normal(size=(1, 100, 100)), np.ones((100, 100), bool)) == pytest.approx(1, abs=0.02)
+    assert sharpness(level, np.zeros((24, 24), bool)) is None and sharpness(0 * level, seen) is None
 
 
 def test_pictures_show_what_each_led_lights():

@@ -41,12 +41,12 @@ def test_a_mirrored_image():
 
 @pytest.mark.slow
 def test_swapped_leds():
-    ring = scene_of("blob")
+    ring = scene_of("sphere")
     signal, _ = render(ring)
     swapped = signal.copy()
     swapped[[3, 11]] = signal[[11, 3]]
     recording = record(
-        swapped, ring.constant_light, PIXEL, recorded_scene("blob")[0].schedule, 4, thresholds="nominal"
+        swapped, ring.constant_light, PIXEL, recorded_scene("sphere")[0].schedule, 4, thresholds="nominal"
     )
     _, found = answers(watched(recording), ring)
     assert found["scene"].state == DOUBTFUL

@@ -132,6 +132,8 @@ def draw(rng: np.random.Generator, system: JointSystem, links: Links) -> list:
 @recorded
 def _coloured(system: JointSystem, white: list, noise: list, links: Links) -> list:
     right = triangles.color(*triangles.factor(system.matrix), white)
+    # by rounding a matrix of badly known pixels can have no root: such a pixel draws what its neighbours make of it
+    right = [dr.select(dr.isfinite(v), v, 0.0) for v in right]
     parts = [(form.learnt.prior.first, form.draw(own, links)) for form, own in zip(system.forms, noise)]
     return _added(right, parts)
 

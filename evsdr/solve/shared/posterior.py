@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from evsdr.solve.law import gaussian_share
+from evsdr.solve.law import MEDIAN_OF_SQUARE, gaussian_share, variance_of
 from evsdr.solve.noise import NOISE_RANGE
 from evsdr.solve.shared.kernel import ON, Terms, slowest_of
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.rig import N_TIMING, NOT_NEGATIVE, Basis, Rig, Told
-from evsdr.solve.threshold_spread import MEDIAN_OF_SQUARE, SMALLEST_SPREAD
+from evsdr.solve.threshold_spread import SMALLEST_SPREAD
 from evsdr.solve.unknowns import (
     LARGEST_SLOPE,
     LARGEST_STEP,
@@ -253,8 +253,8 @@ class Posterior:
     def learnt(self, point: Point) -> "Posterior":
         """Learn scatter and spread from what remains, which pixels are heard, and how well LEDs are told."""
         counts = np.isfinite(point.residual)
-        square = np.median(point.residual[counts] ** 2) / MEDIAN_OF_SQUARE - np.median(point.variance[counts])
-        scatter, spread = np.sqrt(max(square, NOISE_RANGE[0] ** 2)), self.spread
+        told = point.residual[counts], ROBUST, point.variance[counts]
+        scatter, spread = np.sqrt(variance_of(*told, NOISE_RANGE[0] ** 2)), self.spread
         if self.own_thresholds:
             n = point.theta.shape[1]
             left = np.einsum("nii->ni", np.linalg.inv(point.matrix[:, :n, :n]))[:, self.n_map :]

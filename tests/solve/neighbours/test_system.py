@@ -158,13 +158,25 @@ def test_spectra_tell_the_colour_and_not_the_scale(rng):
             assert gradient[2 + j, i] == pytest.approx(0.5 * weight * numeric, rel=1e-2, abs=1e-3)
 
 
-def test_a_matrix_that_rounding_spoilt_gives_a_finite_step(system):
-    """A pixel whose own matrix is as if nothing were known, but for an error below 0."""
+@pytest.fixture
+def spoilt(system):
+    """The system and its links, in which one pixel's own matrix is as if nothing were known, but for an error below 0."""
     made, links, _ = system
     entry = triangles.place(2, 2)
-    spoilt = made.matrix[entry].numpy()
-    spoilt[4] = -1e3
-    matrix = [owned(mi.Float, spoilt) if i == entry else m for i, m in enumerate(made.matrix)]
-    right = arrays(np.ones((N, MASK.sum())))
-    for value in solve(replace(made, matrix=matrix), right, links, 0.01):
+    values = made.matrix[entry].numpy()
+    values[4] = -1e3
+    matrix = [owned(mi.Float, values) if i == entry else m for i, m in enumerate(made.matrix)]
+    return replace(made, matrix=matrix), links
+
+
+def test_a_matrix_that_rounding_spoilt_gives_a_finite_step(spoilt):
+    made, links = spoilt
+    for value in solve(made, arrays(np.ones((N, MASK.sum()))), links, 0.01):
+        assert np.isfinite(value.numpy()).all()
+
+
+def test_a_matrix_that_rounding_spoilt_leaves_draws_finite(spoilt):
+    """One pixel without a root made all draws NaN, and so no pixel of a recording known."""
+    made, links = spoilt
+    for value in draw(np.random.default_rng(0), made, links):
         assert np.isfinite(value.numpy()).all()

@@ -1,0 +1,1 @@
+"""What becomes of surfaces that are not matt."""
