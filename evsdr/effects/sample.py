@@ -25,6 +25,7 @@ TERMS = Terms(density=True, silence=False)
 N_STEP, TOLERANCE = 8, 0.01  # of a descent, see `levenberg.descend`
 HELD_BACK = 0.2  # share of a pixel's pairs, its last ones: about a round
 MOST_GAIN = 3.0  # in log likelihood that one pixel may have in the decision; guessed
+NO_WAY = 1e6  # cost of a pixel under a model by which its events can't be: without any light, say; far above any other
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ class Sample:
         """
         system, start = self._system(theta, model, softness)
         found, terms, *_ = descend(system, start, N_STEP, TOLERANCE)
-        return _numbers(terms[0]), np.stack([t.numpy() for t in found], axis=-1)
+        return _finite(terms[0]), np.stack([t.numpy() for t in found], axis=-1)
 
     def hold_back(
         self, theta: np.ndarray, model, softness: float | None = None
@@ -116,8 +117,9 @@ class Sample:
             for weight in (told, np.ones(len(told)))
         )
         found, terms, *_ = descend(part, start, N_STEP, TOLERANCE)
-        cost, of_all = _numbers(terms[0]), _numbers(evaluate(whole, found)[0])
-        return cost, of_all - cost, np.stack([t.numpy() for t in found], axis=-1)
+        cost, of_all = _finite(terms[0]), _finite(evaluate(whole, found)[0])
+        held = np.where(cost < NO_WAY, of_all - cost, NO_WAY)
+        return cost, held, np.stack([t.numpy() for t in found], axis=-1)
 
     def scatter(self, theta: np.ndarray, model) -> float:
         """Give the standard deviation of the relative residuals of most pixels."""
@@ -133,8 +135,9 @@ class Sample:
         return system_of(data, state, TERMS.loss(data), dr.opaque(Float, self.noise)), state.theta
 
 
-def _numbers(value) -> np.ndarray:
-    return value.numpy().astype(float)
+def _finite(value) -> np.ndarray:
+    """Give the cost of each pixel, none of it infinite or not a number."""
+    return np.minimum(np.nan_to_num(value.numpy().astype(float), nan=NO_WAY), NO_WAY)
 
 
 def gained(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:

@@ -243,15 +243,16 @@ def leaders(totals: dict[Hypothesis, float]) -> list[Hypothesis]:
 def by_shadows(
     world: "World", fitted: "Fitted", judge: Judge, tied: dict[Hypothesis, Trial]
 ) -> list[Hypothesis]:
-    """Keep the hypotheses whose surface casts the shadows that the events show: it is hollow under others."""
+    """Keep the hypotheses whose surface casts the shadows that the events show, the best first: it is hollow under others."""
     costs, pixel = {}, chosen(world, fitted, [h.move for h in tied if h.move], N_SHADED)
     for h, trial in tied.items():
         surface = replace(fitted, maps=judge.turned(h, trial))
         light = world.trace(True, 1, surface, SURE)
         costs[h] = try_all(world, fitted, pixel, [h], light)[h].cost
     least, most = min(costs.values()), max(costs.values())
-    limit = 0.5 * (least + most) if most - least > SHADED else most
-    return [h for h in tied if costs[h] <= limit]
+    if most - least < SHADED:
+        return list(tied)
+    return sorted((h for h in tied if costs[h] <= 0.5 * (least + most)), key=costs.__getitem__)
 
 
 def arrangements(world: "World", doubts: Doubts) -> Iterator[Hypothesis]:

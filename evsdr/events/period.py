@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evsdr.events.chosen import count_events, events_of
 from evsdr.records import Recording
 
 REACH = 0.02  # of a round: farther off nothing is looked for; resonators are within 0.005
@@ -92,6 +91,8 @@ def find_period(recording: Recording) -> Period | None:
 
 def _chosen(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     """Give pixel and polarity in one number, and time, of the events of some pixels, sorted by both."""
+    from evsdr.events.chosen import count_events, events_of  # late, so that the help of a command is quick
+
     events, begin = recording.events, recording.schedule.start_us
     begin = recording.round_start_us[0] if len(recording.round_start_us) else begin
     begin += recording.schedule.slot_us  # in the first slot events are not yet as in later rounds

@@ -62,7 +62,7 @@ def test_pixels_that_have_settled_rest(monkeypatch):
     monkeypatch.setattr(PixelSystem, "at", looked)
     apart = solve(problem)
     assert max(heard) == problem.n_pixel and min(heard) < 0.5 * problem.n_pixel
-    assert np.mean(np.abs(apart.cost - together.cost) > 0.3) < 0.01
+    assert np.mean(np.abs(apart.cost - together.cost) > 0.3) < 0.02
     assert np.mean(apart.cost) == pytest.approx(np.mean(together.cost), abs=0.2)
     assert np.median(np.abs(apart.theta - together.theta)) < 0.01
 
