@@ -49,7 +49,7 @@ from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import led_signals
 from evsdr.model.view import MILLIMETRES
 
-SEQUENCE_OF_SHIFTS = 7  # of random numbers: another than that of the camera's rays
+SEQUENCE_OF_SHIFTS, SEQUENCE_OF_PATHS = 7, 8  # of random numbers: others than that of the camera's rays
 
 
 class RingIntegrator(mi.SamplingIntegrator):
@@ -345,7 +345,8 @@ def pixel_mean(scene, sensor, spp, seed, n_value, measure) -> list[mi.Float]:
     Parameters
     ----------
     measure : callable (s, si, ray, rng, active) -> list of mi.Float
-        What to average, of length n_value, from the first surface point that ray s of a pixel meets.
+        What to average, of length n_value, from the first surface point that ray s of a pixel meets. These points depend
+        on the seed alone, however many random numbers of `rng` are used from there.
 
     Returns
     -------
@@ -356,34 +357,34 @@ def pixel_mean(scene, sensor, spp, seed, n_value, measure) -> list[mi.Float]:
     corner = mi.Vector2f(mi.Float(pixel % width), mi.Float(pixel // width))
     seed = mi.UInt64(seed)
     dr.make_opaque(seed)  # else each seed would be a kernel of its own
-    rng = mi.PCG32(size=width * height, initstate=seed)
+    places = mi.PCG32(size=width * height, initstate=seed)
+    paths = mi.PCG32(size=width * height, initstate=seed, initseq=mi.UInt64(SEQUENCE_OF_PATHS))
     grid = int(np.sqrt(spp))
     stratified = grid * grid == spp
 
-    def one(s, rng):
+    def one(s, places, paths):
         if spp == 1:
             offset = mi.Point2f(0.5)
         else:
-            offset = mi.Point2f(rng.next_float32(), rng.next_float32())
+            offset = mi.Point2f(places.next_float32(), places.next_float32())
             if stratified:
                 offset = (offset + mi.Point2f(mi.Float(s % grid), mi.Float(s // grid))) / grid
         position = (corner + offset) / mi.Vector2f(width, height)
         ray, _ = sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
         si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True)
-        return measure(s, si, ray, rng, mi.Bool(True))
+        return measure(s, si, ray, paths, mi.Bool(True))
 
     if spp == 1:
-        return one(mi.UInt32(0), rng)
+        return one(mi.UInt32(0), places, paths)
 
-    def body(s, rng, *total):
-        value = one(s, rng)
-        return (s + 1, rng, *(t + v for t, v in zip(total, value)))
+    def body(s, places, paths, *total):
+        value = one(s, places, paths)
+        return (s + 1, places, paths, *(t + v for t, v in zip(total, value)))
 
     zero = [dr.zeros(mi.Float, width * height) for _ in range(n_value)]
-    state = dr.while_loop(
-        (mi.UInt32(0), rng, *zero), lambda s, *_: s < spp, body, label="pixel samples", max_iterations=-1
-    )
-    return [total / spp for total in state[2:]]
+    start = mi.UInt32(0), places, paths, *zero
+    state = dr.while_loop(start, lambda s, *_: s < spp, body, label="pixel samples", max_iterations=-1)
+    return [total / spp for total in state[3:]]
 
 
 def pixel_shift(sensor, seed) -> mi.Point2f:

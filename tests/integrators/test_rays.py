@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from evsdr.integrators.rays import fineness
+from evsdr.integrators.ring import pixel_mean
 
 from tests.support.ring_scenes import camera, far, load, near, plane, render, soft
 
@@ -38,3 +39,18 @@ def test_the_unit_of_a_scene_does_not_matter(unit):
 def test_usual_scenes_are_traced_as_before():
     assert fineness(scene(1.0)) is None
     assert fineness(scene(1e-3))[0] == pytest.approx(2e-3, rel=0.1)
+
+
+def test_points_of_a_pixel_are_the_same_whatever_is_asked_there():
+    """Light and the truth about the surface are means over the same points, though paths need random numbers."""
+    given = scene(1.0)
+
+    def mean_place(used):
+        def measure(s, si, ray, rng, active):
+            for _ in range(used):
+                rng.next_float32()
+            return [si.p.x, si.p.y]
+
+        return np.array(pixel_mean(given, given.sensors()[0], 8, 3, 2, measure))
+
+    np.testing.assert_array_equal(mean_place(0), mean_place(3))
