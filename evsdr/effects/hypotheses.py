@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 FACTOR = 10.0  # by which numbers are told wrong: a slip of the decimal point
 VEIL = 0.1  # of the brightest LED's signal: constant light where its strength does not matter
+HALF_TURN = "the image is turned by 180 degrees"
 UNITS = {"ns": 1e-3, "ms": 1e3}  # us in each
 
 
@@ -52,7 +53,7 @@ def images(recording: Recording) -> Iterator[Hypothesis]:
     flips = {
         "the image is mirrored in x": (np.fliplr, f"{wide - 1} - x for x"),
         "the image is mirrored in y": (np.flipud, f"{high - 1} - y for y"),
-        "the image is turned by 180 degrees": (
+        HALF_TURN: (
             partial(np.rot90, k=2),
             f"{wide - 1} - x for x and {high - 1} - y for y",
         ),
@@ -73,6 +74,11 @@ def images(recording: Recording) -> Iterator[Hypothesis]:
         yield Hypothesis(
             what, f"write {remedy} in CD/events, or turn the scene's camera", partial(_moved, move=move), move
         )
+
+
+def half_turn(recording: Recording) -> Hypothesis:
+    """The image is turned by 180 degrees, which leaves no curl."""
+    return next(h for h in images(recording) if h.what == HALF_TURN)
 
 
 def _moved(world: "World", move: Callable) -> "World":
@@ -127,6 +133,14 @@ def orders(order: np.ndarray, n_led: int) -> Iterator[Hypothesis]:
             for new in (np.roll(first, -k), shifted):
                 if tuple(new) not in seen and (seen.add(tuple(new)) or True):
                     yield _reordered(order, new, how)
+
+
+def opposite(order: np.ndarray, n_led: int) -> str:
+    """Say how the order is told if each LED's is that of the one across a ring; "" where none lies across."""
+    order = np.asarray(order)
+    if n_led % 2:
+        return ""
+    return _reordered(order, np.where(order < 0, order, (order + n_led // 2) % n_led), "").what
 
 
 def _reordered(order: np.ndarray, new: np.ndarray, how: str) -> Hypothesis:

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from evsdr.effects.doubts import NOISY, Doubts, doubts_of, known_shape
+from evsdr.effects.doubts import LEAST_PLACES, NOISY, VARIED_DEG, Doubts, doubts_of, known_shape
 from evsdr.effects.effect import Decision
 from evsdr.effects.hypotheses import (
     Hypothesis,
     clocks,
     faults,
+    half_turn,
     images,
+    opposite,
     orders,
     polarities,
     thresholds,
@@ -36,6 +38,9 @@ if TYPE_CHECKING:
 FEWEST = 20  # pixels that can convict
 # Pixels that tell shadows, which few have, and the cost of an event pair that tells them; measured: 0.002 to 0.1
 N_SHADED, SHADED = 400, 5e-4
+# The same, of a surface that is hollow against one that is raised; measured: reliefs 0.014 to 0.036, spheres and bumpy meshes 3
+HOLLOW = 0.005
+LITTLE = 0.1  # of that, what the better of both may lose against no shadows at all; guessed: 0.005 beside a pole's shadows
 # Hypotheses that are tried once more, each by itself, and at most if they explain as much
 N_RUN_OFF, N_TIED = 3, 6
 # Of log likelihood of an event pair: what convicts, measured (right hypotheses gain 0.4 and more, wrong ones that explain
@@ -50,6 +55,13 @@ CURL_FLOOR, CURL_WEIGHT = 0.03, 2.0
 # Factor from which thresholds that shall be known are told wrong, guessed, and how many times their scatter over the pixels
 # its logarithm must be; measured: 2.8 and more where they are told half or double, 1.5 under hard switches
 WRONG_THRESHOLD, CONSISTENT = 1.5, 2.0
+OPEN = (
+    "no shadow tells a raised surface from a hollow one, which half a turn of image or ring would make of it"
+)
+DOUBT = (
+    "the events lack the shadows of the fitted surface; image or ring may be turned by 180 degrees, so that raised and hollow "
+    "change places: look whether the surface is raised where it should be, and turn CD/events or schedule/order if it is not."
+)
 RIGID = 0.9  # how well normals under a hypothesis must be those as told, turned, to tell its curl
 SURE = 0.5  # pixels: nearer hits of a surface on itself may come of its noise
 TIE = 0.5  # of log likelihood of a pixel: hypotheses as near to the best explain as much
@@ -142,10 +154,7 @@ class Judge:
     def turned(self, hypothesis: Hypothesis, trial: Trial) -> Maps:
         """Give the maps under a hypothesis that turns image or normals."""
         if hypothesis.move is not None:
-            normal, mask = (
-                np.ascontiguousarray(hypothesis.move(a)) for a in (self.maps.normal, self.maps.mask)
-            )
-            return replace(self.maps, normal=normal, mask=mask)
+            return moved(self.maps, hypothesis)
         turn, _ = turn_between(self.told.trial.normal[:, :2], trial.normal[:, :2])
         normal = self.maps.normal.copy()
         normal[..., :2] = normal[..., :2] @ turn.T
@@ -197,6 +206,8 @@ def find_error(world: "World", fitted: "Fitted") -> Finding | None:
 def _find(world: "World", fitted: "Fitted") -> Finding | None:
     doubts = doubts_of(world, fitted)
     found = _tried(world, fitted, doubts) if doubts.any else None
+    if found is None and (told := told_by_shadows(world, fitted)):
+        found = told.finding(world)
     if found is None and doubts.bright:
         evidence = (
             f"a tenth of the pixels reflect {doubts.reflectance:.1f} times the light that they get, and more"
@@ -244,15 +255,96 @@ def by_shadows(
     world: "World", fitted: "Fitted", judge: Judge, tied: dict[Hypothesis, Trial]
 ) -> list[Hypothesis]:
     """Keep the hypotheses whose surface casts the shadows that the events show, the best first: it is hollow under others."""
-    costs, pixel = {}, chosen(world, fitted, [h.move for h in tied if h.move], N_SHADED)
-    for h, trial in tied.items():
-        surface = replace(fitted, maps=judge.turned(h, trial))
-        light = world.trace(True, 1, surface, SURE)
-        costs[h] = try_all(world, fitted, pixel, [h], light)[h].cost
+    pixel = chosen(world, fitted, [h.move for h in tied if h.move], N_SHADED)
+    costs = {h: shadow_cost(world, fitted, pixel, h, judge.turned(h, trial)) for h, trial in tied.items()}
     least, most = min(costs.values()), max(costs.values())
     if most - least < SHADED:
         return list(tied)
     return sorted((h for h in tied if costs[h] <= 0.5 * (least + most)), key=costs.__getitem__)
+
+
+def shadow_cost(
+    world: "World", fitted: "Fitted", pixel: np.ndarray, hypothesis: Hypothesis | None, maps: Maps
+) -> float:
+    """Give what an event pair costs in the shadows of the surface that a hypothesis makes of a fit; None is what is told."""
+    light = world.trace(True, 1, replace(fitted, maps=maps), SURE)
+    return try_all(world, fitted, pixel, [hypothesis], light)[hypothesis].cost
+
+
+@dataclass(frozen=True)
+class Hollow:
+    """What shadows say of half a turn, which makes a raised surface hollow and leaves no curl.
+
+    Attributes
+    ----------
+    told, turned, bare : float
+        Cost of an event pair in the shadows of the surface as told, of that half a turn away, and without any.
+    """
+
+    told: float
+    turned: float
+    bare: float
+
+    @property
+    def gain(self) -> float:
+        """Give what the turned one gains."""
+        return self.told - self.turned
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the events show the shadows of the other."""
+        return self.gain > HOLLOW and self.bare - self.turned > HOLLOW
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether they lack those of what is told, which noisy normals may have made, and agree with the other."""
+        return not self.wrong and self.gain > HOLLOW and self.turned - self.bare < LITTLE * self.gain
+
+    @property
+    def open(self) -> bool:
+        """Whether they tell neither."""
+        return not (self.wrong or self.doubtful) and self.gain > -HOLLOW
+
+    def finding(self, world: "World") -> Finding | None:
+        """Give half a turn if that is it."""
+        if not self.wrong:
+            return None
+        evidence = (
+            "with that, raised and hollow change places, and the shadows of the fitted surface explain the events better by "
+            f"{self.gain:.2g} of log likelihood an event"
+        )
+        other = opposite(world.recording.schedule.order, world.ring.leds.n_led)
+        return Finding(half_turn(world.recording), evidence, (other,) if other else ())
+
+
+def told_by_shadows(world: "World", fitted: "Fitted") -> Hollow | None:
+    """Ask shadows whether an unknown shape is hollow or raised, or remember it; None of what is flat or too small to tell."""
+    return world.memo("hollow", (fitted,), lambda: _told_by_shadows(world, fitted))
+
+
+def _told_by_shadows(world: "World", fitted: "Fitted") -> Hollow | None:
+    maps = fitted.maps
+    if world.ring.shape_is_known or np.count_nonzero(maps.mask) < LEAST_PLACES:
+        return None
+    if np.degrees(np.sqrt(np.var(maps.normal[maps.mask], axis=0).sum())) < VARIED_DEG:
+        return None
+    half = half_turn(world.recording)
+    pixel = chosen(world, fitted, [half.move], N_SHADED)
+    if len(pixel) < FEWEST:
+        return None
+    bare = try_all(world, fitted, pixel, [None, half])
+    if half not in bare:  # the object lies elsewhere then
+        return None
+    costs = (shadow_cost(world, fitted, pixel, h, moved(maps, h)) for h in (None, half))
+    return Hollow(*costs, min(trial.cost for trial in bare.values()))
+
+
+def moved(maps: Maps, hypothesis: Hypothesis | None) -> Maps:
+    """Give the maps of an image that is moved."""
+    if hypothesis is None:
+        return maps
+    normal, mask = (np.ascontiguousarray(hypothesis.move(a)) for a in (maps.normal, maps.mask))
+    return replace(maps, normal=normal, mask=mask)
 
 
 def arrangements(world: "World", doubts: Doubts) -> Iterator[Hypothesis]:
@@ -315,6 +407,18 @@ class SetUp(GrossError):
 
     name, option, leds = "set-up", "repair", False
     nothing = "nothing contradicts it that another one would explain"
+
+    def decide(self, asked: bool, world: "World", fitted: "Fitted") -> Decision:
+        """Say also where a surface may be hollow for all that the recording tells."""
+        decision = super().decide(asked, world, fitted)
+        if decision.answer is not None or world.terms.solver != "lm" or world.metal is not None:
+            return decision
+        hollow = told_by_shadows(world, fitted)
+        if hollow is None or find_error(world, fitted):
+            return decision
+        if hollow.doubtful:
+            return replace(decision, doubt=DOUBT)
+        return replace(decision, why=f"{decision.why}; {OPEN}") if hollow.open else decision
 
     def found(self, asked: bool, found: Finding) -> Decision:
         """Believe it if asked to."""

@@ -6,12 +6,20 @@ import numpy as np
 import pytest
 
 from evsdr.effects.hypotheses import Hypothesis
-from evsdr.effects.setup import SetUp, Wiring, consistently_wrong, find_error, leaders
+from evsdr.effects.setup import (
+    Hollow,
+    SetUp,
+    Wiring,
+    consistently_wrong,
+    find_error,
+    leaders,
+    told_by_shadows,
+)
 from evsdr.effects.world import Terms
 from evsdr.light.ground_truth import object_normals
 from evsdr.metrics import angular_error_deg
 from tests.support.setups import SIZE, fitted_alone, recorded, scene_of
-from tests.support.worlds import SmallWorld
+from tests.support.worlds import SmallWorld, world_of
 
 LAST = SIZE - 1
 
@@ -114,6 +122,42 @@ def test_a_shape_that_is_not_known_tells_by_curl_and_shadows(what, spoil):
     found = find_error(*fitted_alone(scene_of("relief_unknown"), spoil(recorded("relief")[0])))
     assert found.hypothesis.what == what and "the curl that no surface has" in found.evidence
     assert sum("the image" in other for other in found.others) <= 1
+
+
+def test_shadows_tell_half_a_turn_of_an_unknown_shape():
+    """It leaves no curl; but a hollow sphere would have had shadows."""
+    ring, right = scene_of("relief_unknown"), recorded()[0]
+    turned = moved(lambda x, y: LAST - x, lambda x, y: LAST - y)(right)
+    for recording, doubtful in ((right, False), (turned, True)):
+        world, fitted = fitted_alone(ring, recording)
+        hollow, decision = told_by_shadows(world, fitted), SetUp().decide(False, world, fitted)
+        assert hollow.doubtful == doubtful and not hollow.open and not decision.modelled
+        assert ("raised and hollow change places" in decision.doubt) == doubtful
+
+
+def test_what_shadows_say_of_half_a_turn():
+    relief = Hollow(told=-2.22, turned=-2.26, bare=-2.25)
+    assert relief.wrong and not relief.doubtful and not relief.open
+    found = relief.finding(world_of(scene_of(), recorded()[0]))
+    assert found.hypothesis.what == "the image is turned by 180 degrees" and "hollow" in found.evidence
+    assert found.others == ("the order of the LEDs is rolled: it starts with 12, 13, 14",)
+    right = Hollow(told=-2.26, turned=-2.22, bare=-2.25)
+    assert not right.wrong and not right.doubtful and not right.open and right.finding(None) is None
+    assert Hollow(told=0.5, turned=-2.2, bare=-2.2).doubtful
+    assert Hollow(told=-2.0, turned=-2.1, bare=-2.2).open, "both cast shadows that are not there"
+
+
+def test_where_no_shadow_tells_it_the_summary_says_so():
+    """It is no reason to doubt a fit."""
+    world, fitted = fitted_alone(scene_of("relief_unknown"), recorded("relief")[0])
+    assert told_by_shadows(world, fitted).open
+    decision = SetUp().decide(False, world, fitted)
+    assert not decision.modelled and not decision.doubt and not decision.answer
+    assert "no shadow tells a raised surface from a hollow one" in decision.why
+
+
+def test_flat_things_are_neither_hollow_nor_raised():
+    assert told_by_shadows(*fitted_alone(scene_of("relief_unknown"), recorded("colorchecker")[0])) is None
 
 
 def test_those_that_explain_as_much_are_all_tried_again():
