@@ -23,7 +23,7 @@ from evsdr.solve.pair_data import without
 from evsdr.solve.problem import Problem, make_problem
 from evsdr.solve.shared.rig import GROUPS, Told
 from evsdr.solve.solution import Solution
-from evsdr.solve.visibility import Seen, find_visibility
+from evsdr.solve.visibility import Seen, find_visibility, left_open
 
 TRIAL_RAYS = 4  # per pixel: of trials, and for the object's outline
 ROUND_RAYS = 1  # per pixel, while light and surface change
@@ -249,21 +249,35 @@ class World:
         """Give what pixels see of the LEDs, as their events tell; once lobes or a rough matt part are known it stays as it is."""
 
         def work():
-            surface = None if self.ring.shape_is_known else fitted
-            free = self.trace(False, self.rays, fitted if self.moved else None)
-            problem = make_problem(self.recording, fitted.problem.told, free, self.mask, self.hot)
-            whole = replace(problem.illumination, indirect=fitted.problem.illumination.indirect)
-            problem = replace(problem, illumination=whole)
-            before = fitted.problem.illumination.share_of(problem.illumination, problem.n_pixel)
+            problem, before = self._unhidden(fitted)
             if self.gloss is not None or self.rough is not None:
                 untold = problem.fired & ~fitted.problem.fired
                 return Seen(before, fitted.solution.all_theta, untold)
-            here = owned(type(problem.pairs.first), problem.pixel)
-            plain, shadowed = (self.trace(s, TRIAL_RAYS, surface, SURE).gather(here) for s in (False, True))
-            traced = shadowed.share_of(plain, problem.n_pixel)
+            traced = self._traced(fitted, problem)
             return find_visibility(problem, fitted.solution, before, traced, self.ring.shape_is_known)
 
-        return self.memo("seen", (fitted, self.moved), work)
+        return self.memo("seen", (fitted, self.moved, self.recording, self.aim), work, 2)
+
+    def left_open(self, fitted: Fitted) -> np.ndarray:
+        """Give the covariances of maps that not knowing what pixels see leaves open, see `visibility.left_open`."""
+        problem, before = self._unhidden(fitted)
+        traced = self._traced(fitted, problem)
+        return left_open(problem, fitted.solution, before, traced, self.ring.shape_is_known)
+
+    def _unhidden(self, fitted: Fitted) -> tuple[Problem, np.ndarray]:
+        """Give the problem of a fit under light that nothing hides, and the visibility (n_led, n_pixel) that was modelled."""
+        free = self.trace(False, self.rays, fitted if self.moved else None)
+        problem = make_problem(self.recording, fitted.problem.told, free, self.mask, self.hot)
+        whole = replace(problem.illumination, indirect=fitted.problem.illumination.indirect)
+        before = fitted.problem.illumination.share_of(whole, problem.n_pixel)
+        return replace(problem, illumination=whole), before
+
+    def _traced(self, fitted: Fitted, problem: Problem) -> np.ndarray:
+        """Trace what each pixel sees of the LEDs (n_led, n_pixel), on the surface of a fit where the shape is not known."""
+        surface = None if self.ring.shape_is_known else fitted
+        here = owned(type(problem.pairs.first), problem.pixel)
+        plain, shadowed = (self.trace(s, TRIAL_RAYS, surface, SURE).gather(here) for s in (False, True))
+        return shadowed.share_of(plain, problem.n_pixel)
 
     def pairs(self, fitted: Fitted | None = None) -> Pairs:
         """Pair the events, as photoreceptors that lag show them under the light of a fit."""

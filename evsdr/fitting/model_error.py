@@ -9,14 +9,14 @@ from evsdr.effects.world import Fitted, World
 from evsdr.fitting.decoder import Decoder
 from evsdr.fitting.misfit import Misfit, in_common
 from evsdr.records import Signals
-from evsdr.solve.discrepancy import common_share, noise_of
+from evsdr.solve.discrepancy import common_share, excess_share, noise_of
 
 
 def with_model_error(
     world: World, fitted: Fitted, matt: Fitted, solve: Decoder
 ) -> tuple[Fitted, Signals, Misfit]:
-    """Let sigmas count what residuals of neighbours have in common, what lobes of another form leave, and the
-    twins of normals of metal.
+    """Let sigmas count what residuals of neighbours have in common or show beyond noise, what lobes of another
+    form leave, what other visibility would make of maps, and the twins of normals of metal.
 
     Parameters
     ----------
@@ -41,7 +41,10 @@ def with_model_error(
     misfit = replace(misfit, words=f"{misfit.words}; {in_common(common)}")
     if solve.settings.solver == "adam":  # its maps stand as they are
         return fitted, signals, replace(misfit, least=0.0)
+    share = np.maximum(share, excess_share(signals, problem.grid.mask))
     error = share[:, None, None] * noise_of(solve.alone(fitted))
+    if world.shadows == "latent":
+        error += world.left_open(matt)
     if world.metal is not None:
         error += solve.twins(fitted)
     if world.gloss is not None or world.rough is not None:

@@ -120,6 +120,8 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
         if changed:
             fitted = solve(world.problem(fitted), fitted, "light", advance)
+        if world.shadows == "latent":
+            world, fitted = share_anew(told, world, fitted, settings, solve, advance)
     matt = fitted
     with stages.stage("residuals") as advance:
         for _ in range(2):

@@ -4,7 +4,7 @@ Noise of events is independent from pixel to pixel, and where model and priors h
 neighbours goes together less than not at all. What does go together is light that the model lacks, or a surface that
 priors make too smooth: a discrepancy (Kennedy and O'Hagan, "Bayesian calibration of computer models", 2001). It is taken for
 as likely in what maps can explain as in what they can't, so that what noise does to a pixel, neighbours aside, counts once
-more by the share of its noise that neighbours have in common.
+more by the share of its noise that neighbours have in common, or by what its own residuals are larger than noise.
 """
 
 import numpy as np
@@ -63,6 +63,19 @@ def common_share(signals: Signals, mask: np.ndarray, known: np.ndarray) -> tuple
     of_few = FEW * expected.sum() / pairs
     share = (around(together) + of_few * common) / (around(expected) + of_few)
     return np.maximum(share, 0), float(common)
+
+
+def excess_share(signals: Signals, mask: np.ndarray) -> np.ndarray:
+    """Say by which share of its noise the residuals of each solved pixel (n_pixel) are larger than that; 0 where none were asked.
+
+    Maps were fitted to them, so that noise alone makes them about half as large as itself: no share is then told.
+    """
+    told = signals.sigma < TOLD
+    off = np.where(told, signals.change / np.maximum(signals.sigma, 1e-6), 0).astype(float)
+    square = np.sum(off**2, axis=1) / np.maximum(np.count_nonzero(told, axis=1) - 1, 1)
+    out = np.zeros(mask.shape)
+    out.ravel()[signals.pixel] = np.maximum(square - 1, 0)
+    return out[mask]
 
 
 def _beside(number: np.ndarray):

@@ -12,7 +12,7 @@ from evsdr.solve.levenberg import descend
 from evsdr.solve.solution import Data, State
 from evsdr.solve.stages import ALL_TERMS, Terms
 from evsdr.solve.system import system_of
-from evsdr.solve.unknowns import normal_sigma_deg, to_normal
+from evsdr.solve.unknowns import apart
 
 SAME, LEAST_SAME = (
     0.25,
@@ -88,32 +88,18 @@ class Both:
         """Log reflectances (2, n_pixel)."""
         return self.maps[:, :, 2:].mean(axis=-1)
 
-    @property
-    def normal(self) -> np.ndarray:
-        """Normals (2, n_pixel, 3)."""
-        return np.stack([to_normal(maps) for maps in self.maps])
-
     def left_open(self, noise_factor: np.ndarray) -> np.ndarray:
         """Give the covariances (n_pixel, n, n) of not knowing which it is, where the first has been chosen."""
         cost = self.cost / np.square(np.maximum(noise_factor, 1))
         against = cost + unlike_most(cost, self.level, self.told)
         share = self.told / (1 + np.exp(np.clip(against[1] - against[0], -50, 50)))
         share = np.where(share > RARE, share, 0)
-        change = self.maps[1] - self.maps[0]
-        change[:, :2] *= _as_far(self.maps[0], change[:, :2], self.normal)[:, None]
-        return share[:, None, None] * change[:, :, None] * change[:, None, :]
+        return share[:, None, None] * apart(*self.maps)
 
 
 @recorded
 def _twin(model, theta: list) -> list:
     return model.twin(theta)
-
-
-def _as_far(maps: np.ndarray, change: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Give the factors (n_pixel) by which changes of slopes are too small for the angle that they make."""
-    angle = np.degrees(np.arccos(np.clip(np.sum(normal[0] * normal[1], axis=1), -1, 1)))
-    told = normal_sigma_deg(maps[:, 0], maps[:, 1], change[:, :, None] * change[:, None, :])
-    return angle / np.maximum(told, 1e-6)
 
 
 def second_of(cost: np.ndarray, level: np.ndarray, told: np.ndarray) -> np.ndarray:

@@ -130,6 +130,15 @@ def normal_sigma_deg(p: np.ndarray, q: np.ndarray, covariance: np.ndarray) -> np
     return np.degrees(np.sqrt(np.maximum(variance, 0)))
 
 
+def apart(maps: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Give the covariances (n, m, m) of other maps (n, m) about some, with changes of slopes that make the whole angle."""
+    change, p, q = (other - maps).astype(float), *maps[:, :2].T.astype(float)
+    cosine = np.sum(to_normal(maps) * to_normal(other), axis=1)
+    told = normal_sigma_deg(p, q, change[:, :2, None] * change[:, None, :2])
+    change[:, :2] *= (np.degrees(np.arccos(np.clip(cosine, -1, 1))) / np.maximum(told, 1e-6))[:, None]
+    return change[:, :, None] * change[:, None, :]
+
+
 def fill(theta: list, good: np.ndarray, mask: np.ndarray) -> list:
     """Give each pixel that is not good (n_pixel) the unknowns of the nearest one that is."""
     if good.all() or not good.any():

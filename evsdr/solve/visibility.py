@@ -14,7 +14,7 @@ from evsdr.solve.guesses import AT_ONCE, TOLERANCE, Guess, Judge, arcs, changes
 from evsdr.solve.pair_data import thin
 from evsdr.solve.problem import Problem
 from evsdr.solve.solution import Solution
-from evsdr.solve.unknowns import SLOPES, to_normal
+from evsdr.solve.unknowns import SLOPES, apart, to_normal
 
 SUSPECT = 8.0  # cost of a pixel beyond what is usual for its events, from which it may be shadowed; guessed
 # Times the noise, under which arcs are compared at first: theirs are hard edges, and seen as closely as events tell, the right
@@ -90,10 +90,7 @@ def find_visibility(
     -------
     Seen
     """
-    direction = np.array([[np.mean(c.numpy()) for c in d] for d in problem.illumination.direction])
-    order = np.argsort(np.arctan2(direction[:, 1], direction[:, 0]), kind="stable")
-    faces = None if traced is None else facing(problem, solution.theta)
-    judge = Judge(problem, thin(problem.pairs, N_MOST), solution, order, traced, faces, known)
+    judge = _judge(problem, solution, traced, known)
     pixel, share = np.arange(problem.n_pixel), np.asarray(given, np.float32)
     first = Guess(share, *judge(pixel, share, solution.all_theta, ((None, 8),)))
     count, paid = judge.pairs.counts, judge.misfit(pixel, first)
@@ -123,6 +120,42 @@ def find_visibility(
     blank = untold(problem, best.share, theta) & (not known)
     gain = np.where(same, 0, first.cost - best.cost)
     return Seen(best.share, theta, blank, gain, explained(best, suspected))
+
+
+def left_open(
+    problem: Problem, solution: Solution, given: np.ndarray, traced: np.ndarray, known: bool
+) -> np.ndarray:
+    """Give the covariances (n_pixel, n_map, n_map) of maps that not knowing the visibility leaves open.
+
+    What a pixel sees, what each neighbour sees, and what is traced, are guesses: under each the pixel's own events give it
+    maps. By how likely these are, their squared distance from the solution is averaged: it counts how far apart guesses are,
+    and how far neighbours hold the pixel from what its own events say. Events that are explained badly tell less.
+    Arguments as of `find_visibility`; `given` is the visibility of the solution.
+    """
+    judge, theta = _judge(problem, solution, traced, known), solution.all_theta
+    pixel = np.flatnonzero(judge.pairs.counts > 0)
+    guesses = [(pixel, given[:, pixel], theta[pixel]), (pixel, traced[:, pixel], theta[pixel])]
+    for place in problem.grid.links.index.values():
+        other = place.numpy().astype(np.int64)[pixel]
+        differs = (given[:, other] != given[:, pixel]).any(axis=0)
+        guesses.append((pixel[differs], given[:, other[differs]], theta[other[differs]]))
+    here, share, start = (np.concatenate(parts, axis=k) for parts, k in zip(zip(*guesses), (0, 1, 0)))
+    found, cost = judge(here, share, start, NEAR)
+    least = np.full(problem.n_pixel, np.inf)
+    np.minimum.at(least, here, cost)
+    odds = np.exp(-(cost - least[here]) / np.square(np.maximum(solution.noise_factor[here], 1)))
+    odds /= np.bincount(here, odds, problem.n_pixel)[here]
+    n_map = solution.theta.shape[1]
+    out = np.zeros((problem.n_pixel, n_map, n_map))
+    np.add.at(out, here, odds[:, None, None] * apart(solution.theta[here], found[:, :n_map]))
+    return out
+
+
+def _judge(problem: Problem, solution: Solution, traced: np.ndarray | None, known: bool) -> Judge:
+    direction = np.array([[np.mean(c.numpy()) for c in d] for d in problem.illumination.direction])
+    order = np.argsort(np.arctan2(direction[:, 1], direction[:, 0]), kind="stable")
+    faces = None if traced is None else facing(problem, solution.theta)
+    return Judge(problem, thin(problem.pairs, N_MOST), solution, order, traced, faces, known)
 
 
 def _some(pixel: np.ndarray, most: int) -> np.ndarray:

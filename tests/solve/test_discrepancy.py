@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evsdr.records import Signals
-from evsdr.solve.discrepancy import common_share, noise_of
+from evsdr.solve.discrepancy import common_share, excess_share, noise_of
 from evsdr.solve.unknowns import weak_prior
 
 SIZE, N_LED = 24, 16
@@ -60,6 +60,20 @@ def test_pixels_that_were_not_asked_take_the_share_of_all():
     share, common = common_share(part, MASK, MASK)
     assert len(share) == len(whole.pixel)
     assert share[-1] == pytest.approx(common)
+
+
+def test_residuals_beyond_noise_count_where_they_are():
+    """By as much as they are larger, in a single pixel; none where no pixel was asked."""
+    odd = np.zeros(MASK.shape)
+    odd[12, 12] = 2.0
+    signals = residuals(odd)
+    share, at = excess_share(signals, MASK), np.flatnonzero(MASK) == 12 * SIZE + 12
+    assert share[at][0] == pytest.approx(4.0, rel=0.4)
+    assert np.median(share[~at]) < 0.1
+    small = replace(signals, change=0.7 * signals.change)  # as of noise that maps were fitted to
+    assert np.mean(excess_share(small, MASK)[~at] > 0) < 0.05
+    part = replace(signals, pixel=signals.pixel[:5], change=signals.change[:5], sigma=signals.sigma[:5])
+    assert not excess_share(part, MASK)[5:].any()
 
 
 def test_noise_does_nothing_where_only_priors_tell():

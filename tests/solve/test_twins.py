@@ -3,7 +3,7 @@ import pytest
 
 from evsdr.metrics import angular_error_deg
 from evsdr.solve.twins import Both, Twins, second_of
-from evsdr.solve.unknowns import normal_sigma_deg
+from evsdr.solve.unknowns import normal_sigma_deg, to_normal
 
 
 def test_reflectance_tells_of_two_normals_that_explain_as_much():
@@ -30,7 +30,7 @@ def test_sigma_holds_the_twin_where_reflectance_and_events_disagree():
     cost[0, 0] = 50.0
     both = Both((), (), maps, cost, np.ones(40, bool))
     error = both.left_open(np.ones(40))
-    angle = angular_error_deg(*both.normal)[0]
+    angle = angular_error_deg(*map(to_normal, maps))[0]
     sigma = normal_sigma_deg(maps[0, :, 0], maps[0, :, 1], error[:, :2, :2])
     assert sigma[0] == pytest.approx(angle, rel=0.01) and np.sqrt(error[0, 2, 2]) == pytest.approx(
         2, rel=0.01

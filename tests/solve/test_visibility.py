@@ -8,7 +8,8 @@ import pytest
 from evsdr.events.pairs import pair_events
 from evsdr.solve import visibility
 from evsdr.solve.problem import make_problem
-from evsdr.solve.visibility import find_visibility
+from evsdr.solve.unknowns import normal_sigma_deg
+from evsdr.solve.visibility import find_visibility, left_open
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
 from tests.support.sphere import SPECTRUM, errors, record_signal, ring_light, solve
 
@@ -145,3 +146,25 @@ def test_pixels_that_hardly_an_led_reaches_are_untold(shadowed):
     frontal = replace(solution, theta=theta)
     untold = visibility.untold(problem, given, frontal.theta)
     assert untold[0] and not untold[1] and not untold[2] and not untold[3:].any()
+
+
+def test_sigma_holds_what_other_visibility_would_make(shadowed, seen):
+    """At the border, where a pixel is told too few hidden LEDs, what its neighbours see is as likely or likelier."""
+    problem, solution, truth, quarter = shadowed
+    found = replace(solution, theta=seen.theta)
+    sure = sigma_of(found, left_open(problem, found, seen.share, everything(problem), False))
+    blind = left_open(problem, solution, seen.share, everything(problem), False)
+    error = errors(solution, truth)[0]
+    assert np.median(sure) < 1
+    assert np.mean(sigma_of(solution, blind)[quarter] > 0.7 * error[quarter]) > 0.7
+    wrong = np.flatnonzero(quarter)[0]
+    share, theta = seen.share.copy(), seen.theta.copy()
+    share[:, wrong], theta[wrong] = 1, solution.theta[wrong]
+    told = replace(solution, theta=theta)
+    open_there = sigma_of(told, left_open(problem, told, share, everything(problem), False))[wrong]
+    assert open_there > 0.7 * error[wrong] > 5 * sure[wrong]
+
+
+def sigma_of(solution, error):
+    """Give the standard deviation of normals [deg] by a covariance of maps."""
+    return normal_sigma_deg(*solution.theta[:, :2].astype(float).T, error[:, :2, :2])
