@@ -75,6 +75,22 @@ def test_what_pixels_share_is_inferred_anew_under_a_lobe(given, monkeypatch):
     assert asked and not any(glossy for _, glossy, *_ in asked)
 
 
+def test_what_pixels_share_is_inferred_anew_once_hidden_leds_are_known(given, monkeypatch):
+    """A fit that sees all LEDs takes shadows for other thresholds and times."""
+    asked, decide = [], story.decide
+
+    def listened(when, world, *rest):
+        asked.append((when, world.shadows, world.lag, world.aim))
+        return decide(when, world, *rest)
+
+    monkeypatch.setattr(story, "decide", listened)
+    evsdr.fit(*given, replace(FAST, shadows="latent"))
+    assert ("alone", "latent", None, None) in asked
+    asked.clear()
+    evsdr.fit(*given, FAST)
+    assert asked and not any(shadows == "latent" for _, shadows, *_ in asked)
+
+
 def test_every_effect_is_decided_on_and_reported(given):
     found = evsdr.fit(*given, FAST)
     assert set(found.decisions) == set(found.summary["effects"]) == ALL
@@ -83,7 +99,9 @@ def test_every_effect_is_decided_on_and_reported(given):
         assert found.summary["model"][name] == found.decisions[name].why
 
 
-@pytest.mark.filterwarnings("ignore:.*come again in every round:evsdr.InputWarning")  # of light that is left out
+@pytest.mark.filterwarnings(
+    "ignore:.*come again in every round:evsdr.InputWarning"
+)  # of light that is left out
 @pytest.mark.parametrize(("limit_deg", "modelled"), [(0.05, True), (50.0, False)])
 def test_one_limit_for_all(tmp_path, limit_deg, modelled):
     """What costs more than the limit is modelled, what costs less is not."""
