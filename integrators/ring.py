@@ -358,7 +358,9 @@ def pixel_mean(scene, sensor, spp, seed, n_value, measure) -> list[mi.Float]:
     seed = mi.UInt64(seed)
     dr.make_opaque(seed)  # else each seed would be a kernel of its own
     places = mi.PCG32(size=width * height, initstate=seed)
-    paths = mi.PCG32(size=width * height, initstate=seed, initseq=mi.UInt64(SEQUENCE_OF_PATHS))
+    # Sequences whose numbers differ by the same in all pixels are not independent: these are scrambled
+    state, sequence = mi.sample_tea_32(pixel, mi.UInt32(seed) + SEQUENCE_OF_PATHS)
+    paths = mi.PCG32(size=width * height, initstate=mi.UInt64(state), initseq=mi.UInt64(sequence))
     grid = int(np.sqrt(spp))
     stratified = grid * grid == spp
 

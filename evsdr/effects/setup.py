@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 FEWEST = 20  # pixels that can convict
 # Pixels that tell shadows, which few have, and the cost of an event pair that tells them; measured: 0.002 to 0.1
-N_SHADED, SHADED = 400, 5e-4
+N_SHADED, SHADED = 400, 1e-3
 # The same, of a surface that is hollow against one that is raised; measured: reliefs 0.014 to 0.036, spheres and bumpy meshes 3
 HOLLOW = 0.005
 LITTLE = 0.1  # of that, what the better of both may lose against no shadows at all; guessed: 0.005 beside a pole's shadows
@@ -208,7 +208,8 @@ def _find(world: "World", fitted: "Fitted") -> Finding | None:
     found = _tried(world, fitted, doubts) if doubts.any else None
     if found is None and (told := told_by_shadows(world, fitted)):
         found = told.finding(world)
-    if found is None and doubts.bright:
+    # A first fit leaves out what surfaces send to each other, which may be as bright
+    if found is None and doubts.bright and world.ring.integrator.max_depth <= 1:
         evidence = (
             f"a tenth of the pixels reflect {doubts.reflectance:.1f} times the light that they get, and more"
         )
@@ -254,13 +255,13 @@ def leaders(totals: dict[Hypothesis, float]) -> list[Hypothesis]:
 def by_shadows(
     world: "World", fitted: "Fitted", judge: Judge, tied: dict[Hypothesis, Trial]
 ) -> list[Hypothesis]:
-    """Keep the hypotheses whose surface casts the shadows that the events show, the best first: it is hollow under others."""
+    """Keep the hypotheses whose surface casts the shadows that the events show: it is hollow under others."""
     pixel = chosen(world, fitted, [h.move for h in tied if h.move], N_SHADED)
     costs = {h: shadow_cost(world, fitted, pixel, h, judge.turned(h, trial)) for h, trial in tied.items()}
     least, most = min(costs.values()), max(costs.values())
     if most - least < SHADED:
         return list(tied)
-    return sorted((h for h in tied if costs[h] <= 0.5 * (least + most)), key=costs.__getitem__)
+    return [h for h in tied if costs[h] <= 0.5 * (least + most)]
 
 
 def shadow_cost(

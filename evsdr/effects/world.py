@@ -19,11 +19,11 @@ from evsdr.light.tracing import trace_illumination, trace_indirect
 from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps, Recording
-from evsdr.solve.pair_data import without
+from evsdr.solve.pair_data import unlit_by, without
 from evsdr.solve.problem import Problem, make_problem
 from evsdr.solve.shared.rig import GROUPS, Told
 from evsdr.solve.solution import Solution
-from evsdr.solve.visibility import Seen, find_visibility, left_open
+from evsdr.solve.visibility import Seen, doubtful, find_visibility, left_open
 
 TRIAL_RAYS = 4  # per pixel: of trials, and for the object's outline
 ROUND_RAYS = 1  # per pixel, while light and surface change
@@ -298,6 +298,11 @@ class World:
         """Give the problem to solve; what depends on the maps follows those of a fit, if there is one."""
         light, pairs = self.illumination(fitted, rays), self.pairs(fitted)
         problem = make_problem(self.recording, pairs, light, self.mask, self.hot)
+        if self.shadows in ("scene", "estimate"):
+            surface = fitted if self.on_fit else None
+            plain = self.trace(False, rays if surface and rays else self.rays, surface)
+            share = light.share_of(plain, self.mask.size)[:, problem.pixel]
+            problem = replace(problem, pairs=unlit_by(problem.pairs, doubtful(share, light.band)))
         if self.shadows == "latent" and fitted:
             seen = self.seen(fitted)
             pairs, fired = without(problem.pairs, seen.untold), problem.fired & ~seen.untold

@@ -92,6 +92,64 @@ def without(pairs: PairData, ignored: np.ndarray) -> PairData:
     return replace(pairs, silent_last=dr.select(left, pairs.silent_first, pairs.silent_last))
 
 
+def unlit_by(pairs: PairData, doubtful: np.ndarray) -> PairData:
+    """Leave out the events and silences in which certain LEDs give light, doubtful (n_led, n_pixel) bool."""
+    some = np.flatnonzero(doubtful.any(axis=0))
+    if len(some) == 0:
+        return pairs
+    table = np.append(doubtful.T, np.zeros((doubtful.shape[1], 1), bool), axis=1)  # darkness last
+    slot_leds = pairs.slot_leds.numpy()
+
+    def lit(phase: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+        slot = phase.astype(np.int64)
+        return table[pixel, slot_leds[slot] & 0xFFFF] | (table[pixel, slot_leds[slot] >> 16] & (phase > slot))
+
+    def lit_at_ends(phases, k: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+        start, coded = phases.numpy().reshape(-1, 2)[k].T
+        return lit(start, pixel) | (lit(np.maximum(np.abs(coded) - 1, 0), pixel) & (coded != 0))
+
+    k, pixel = _listed(pairs.first, pairs.last, some)
+    told = ~lit_at_ends(pairs.phases, k, pixel)
+    first, last, lists = _moved(pairs.first, pairs.last, pairs.having(LISTS), some, k[told], pixel[told])
+    kept = replace(pairs, first=first, last=last, **lists)
+    if pairs.silent_first is None:
+        return kept
+    k, pixel = _listed(pairs.silent_first, pairs.silent_last, some)
+    begin, end = pairs.silent_probes.numpy().astype(np.int64).reshape(-1, 2)[k].T
+    silence = np.repeat(np.arange(len(k)), end - begin)
+    passed = lit(pairs.probes.numpy()[_ranges(begin, end - begin)], pixel[silence])
+    told = ~lit_at_ends(pairs.silent_phases, k, pixel) & (np.bincount(silence, passed, len(k)) == 0)
+    silent = pairs.silent_first, pairs.silent_last, pairs.having(SILENT_LISTS)
+    first, last, lists = _moved(*silent, some, k[told], pixel[told])
+    return replace(kept, silent_first=first, silent_last=last, **lists)
+
+
+def _ranges(begin: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Give begin, begin + 1, .. of each range, one after the other."""
+    return np.arange(count.sum()) + np.repeat(begin - (np.cumsum(count) - count), count)
+
+
+def _listed(first, last, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Give the places in a list of all that some pixels have, and whose they are."""
+    begin = first.numpy().astype(np.int64)[some]
+    count = last.numpy()[some] - begin
+    return _ranges(begin, count), np.repeat(some, count)
+
+
+def _moved(first, last, lists: dict, some: np.ndarray, k: np.ndarray, pixel: np.ndarray) -> tuple:
+    """Let some pixels have the places k only, whose those are: at the end of the lists."""
+    n = dr.width(next(iter(lists.values()))) // 2  # phases come in twos
+    longer = {}
+    for name, value in lists.items():
+        rows = value.numpy().reshape(n, -1)
+        longer[name] = owned(type(value), np.concatenate([rows, rows[k]]).ravel())
+    begin, end = first.numpy().copy(), last.numpy().copy()
+    count = np.bincount(pixel, minlength=len(begin))[some]
+    end[some] = n + np.cumsum(count)
+    begin[some] = end[some] - count
+    return owned(type(first), begin), owned(type(first), end), longer
+
+
 def thin(pairs: PairData, most: int) -> PairData:
     """Keep at most so many events and silences of each pixel, spread evenly over the recording, and nothing else."""
     first, last, lists = _thinned(pairs.first, pairs.last, pairs.having(LISTS), most)

@@ -118,10 +118,10 @@ def test_what_is_told_wrong_is_found_and_mended(what, spoil):
 
 @pytest.mark.parametrize(("what", "spoil"), [SPOILT[k] for k in (0, 1, 4)])
 def test_a_shape_that_is_not_known_tells_by_curl_and_shadows(what, spoil):
-    """Mirrored in x or in y are the same but for a surface that is hollow; shadows of a relief tell little of that."""
+    """Mirrored in x or in y are the same but for a surface that is hollow; a relief's shadows are too few to tell them apart."""
     found = find_error(*fitted_alone(scene_of("relief_unknown"), spoil(recorded("relief")[0])))
-    assert found.hypothesis.what == what and "the curl that no surface has" in found.evidence
-    assert sum("the image" in other for other in found.others) <= 1
+    assert what in (found.hypothesis.what, *found.others) and "the curl that no surface has" in found.evidence
+    assert len(found.others) <= 3
 
 
 def test_shadows_tell_half_a_turn_of_an_unknown_shape():

@@ -17,6 +17,7 @@ from evsdr.solve.pair_data import (
     pack_slots,
     signal_table,
     thin,
+    unlit_by,
     unpack_pair,
     without,
 )
@@ -145,3 +146,66 @@ def test_light_at_both_ends_of_a_pair(rng):
         expected = (1 - fade) * lit[slot, pixel] + fade * lit[slot + 1, pixel]
         np.testing.assert_allclose(value.numpy(), expected, atol=1e-6)
     np.testing.assert_array_equal(found[2].numpy(), polarity)
+
+
+def test_events_lit_by_doubtful_leds_are_left_out():
+    """Against a look at each event and silence by itself."""
+    rng = np.random.default_rng(0)
+    n_led, order, count, silent = (
+        6,
+        np.array([0, 1, -1, 2, 3, 4, 5, -1]),
+        np.array([5, 0, 40, 30]),
+        [9, 50, 0, 20],
+    )
+    doubt = rng.random((n_led, 4)) < 0.3
+    doubt[:, 3] = False
+
+    def phases(n):
+        whole = np.where(rng.random((n, 2)) < 0.3, 0, rng.random((n, 2)))
+        return (rng.integers(0, len(order), (n, 2)) + whole).astype(np.float32)
+
+    spans, silences = phases(count.sum()), phases(sum(silent))
+    polarity, ended = rng.choice([-1, 1], count.sum()), rng.random(sum(silent)) < 0.7
+    probes, probe_count = phases(40).ravel(), rng.integers(0, 3, sum(silent))
+    probe_end = np.cumsum(probe_count)
+    coded = np.where(ended, 1 + silences[:, 1], 0)
+    before = PairData(
+        *bounds(np.append(0, np.cumsum(count)), mi.UInt32),
+        phases=mi.Float(pack_phases(*spans.T, polarity)),
+        threshold_on=None,
+        threshold_off=None,
+        slot_leds=mi.UInt32(pack_slots(order, n_led)),
+        silent_first=bounds(np.append(0, np.cumsum(silent)), mi.UInt32)[0],
+        silent_last=bounds(np.append(0, np.cumsum(silent)), mi.UInt32)[1],
+        silent_phases=mi.Float(np.stack([silences[:, 0], coded], axis=-1).astype(np.float32).ravel()),
+        silent_probes=mi.UInt32(
+            np.stack([probe_end - probe_count, probe_end], axis=-1).astype(np.uint32).ravel()
+        ),
+        silent_bias=mi.Float(np.arange(sum(silent), dtype=np.float32)),
+        probes=mi.Float(probes),
+        bias=mi.Float(np.arange(count.sum(), dtype=np.float32)),
+    )
+    after = unlit_by(before, doubt)
+
+    def dim(phase, pixel):
+        slot = int(phase)
+        leds = [order[slot]] + [order[(slot + 1) % len(order)]] * int(phase > slot)
+        return any(led >= 0 and doubt[led, pixel] for led in leds)
+
+    def left(first, last, values):
+        return [values.numpy()[a:b].astype(int).tolist() for a, b in zip(first.numpy(), last.numpy())]
+
+    expected = [[], [], [], []]
+    for k, pixel in enumerate(np.repeat(np.arange(4), count)):
+        if not (dim(spans[k, 0], pixel) or dim(spans[k, 1], pixel)):
+            expected[pixel].append(k)
+    assert left(after.first, after.last, after.bias) == expected
+    assert 0 < sum(map(len, expected)) < count.sum() and len(expected[3]) == count[3]
+    expected = [[], [], [], []]
+    for k, pixel in enumerate(np.repeat(np.arange(4), silent)):
+        passed = [silences[k, 0], *probes[probe_end[k] - probe_count[k] : probe_end[k]]]
+        passed += [silences[k, 1]] * int(ended[k])
+        if not any(dim(phase, pixel) for phase in passed):
+            expected[pixel].append(k)
+    assert left(after.silent_first, after.silent_last, after.silent_bias) == expected
+    assert unlit_by(before, np.zeros_like(doubt)) is before
