@@ -41,7 +41,7 @@ def _elements(path: Path, home: Path, values: dict[str, str]) -> list[ET.Element
     found = []
     for element in file:
         if element.tag == "default":
-            values.setdefault(element.get("name", ""), element.get("value", ""))
+            values.setdefault(element.get("name", ""), _substitute(element.get("value", ""), values))
             continue
         for part in element.iter():
             for name, text in part.attrib.items():

@@ -7,7 +7,7 @@ from evsdr.effects.sensitivity import mean_error
 from evsdr.effects.world import ROUND_RAYS, TRIAL_RAYS, Fitted, World
 
 SHARE = 0.4  # of the limit of other effects: what may be left to chance
-STEPS = (TRIAL_RAYS, 16, 64)
+STEPS = (TRIAL_RAYS, 16, 64, 256)
 
 
 class Rays:

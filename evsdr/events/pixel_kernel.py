@@ -13,15 +13,15 @@ The noise is the shot noise of photo-electrons, white in log I with density 1 / 
 photoreceptor. Density and bandwidth both follow I, so its variance pi cutoff / photon_rate is the same in all
 light.
 
-Time goes in steps in which log I changes by about CHANGE. Within a step the slope of log I is a parabola in the
-photoreceptor's own time, integral dt / tau, to which log I - v answers in closed form. The noise takes exact Ornstein-Uhlenbeck steps of at most
-NOISE_STEP in that time, and is linear inside (a second pole would do the same), where it can reach a threshold; beyond
-its reach it is drawn when it counts again. Crossings within a step are found to rounding error, also those of a v that
-turns there. Without photoreceptor log I is exact at any time; without rise time too, a step is a whole ramp, and
-without leak its crossing a closed form.
+Time goes in steps in which log I, v and leak together change by at most CHANGE. Within a step log I is a
+parabola in the photoreceptor's own time, integral dt / tau, to which v answers in closed form. The noise
+takes exact Ornstein-Uhlenbeck steps of at most NOISE_STEP in that time, and is linear inside (a second pole
+would do the same); where it can't reach a threshold the steps are longer. Crossings within a step are found
+to rounding error. Without photoreceptor log I is exact at any time; without leak and rise time too, a step
+is a whole ramp and its crossing a closed form.
 """
 
-from math import exp, factorial
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
@@ -29,17 +29,10 @@ from numba import njit, prange
 
 from evsdr.events.pixel import SMALLEST_THRESHOLD
 
-CHANGE = 0.1  # of log intensity in a step: a cubic is within 1.3e-5 (derived: an eighth of its fourth power)
-LED_CHANGE = (
-    48**0.25 * CHANGE
-)  # of an LED's rise time if its own change is all of I; derived: within the same
+CHANGE = 0.05  # of log intensity in a step
 MIN_STEP_US = 1e-3
 NOISE_STEP = 0.5
-KEPT = exp(-NOISE_STEP)
-EXPONENTIAL = tuple(1 / factorial(k) for k in range(9, -1, -1))
-PLAIN = 0.05  # own time from which 1 - exp is right to 1e-14, which is enough; derived
-FAR = 4.5  # standard deviations of the noise that are out of its reach: it is there once in 150,000 of its steps
-LITTLE = 1e-6  # of log intensity, by which a turning point may be missed; guessed
+FAR = 6.0  # standard deviations of the noise that are out of its reach
 CROSSING_TOLERANCE = 1e-12  # of log intensity
 # Coefficients of sine and cosine, the last first; derived: the next would add 1e-17 at an eighth of a turn
 TAYLOR = tuple((1 / factorial(2 * k + 1), 1 / factorial(2 * k)) for k in range(8, -1, -1))
@@ -60,8 +53,7 @@ class Model(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """A step of `length` us: I(x) = flat + slope x + transient exp(-led_rate x), and behind the photoreceptor, in own
-    time s, log I has the slope first + s (second + s third)."""
+    """A step of `length` us from x = 0: I(x) = flat + slope x + transient exp(-led_rate x), and its log."""
 
     length: float
     flat: float
@@ -69,10 +61,13 @@ class _Step(NamedTuple):
     transient: float
     led_rate: float
     cutoff: float
-    late: float  # log I - v at x = 0
-    first: float
-    second: float
-    third: float
+    own_time: float
+    log_light: float
+    log_light_then: float
+    bend: float
+    lagged: float  # v at x = 0
+    noise: float
+    noise_then: float
 
 
 @njit(cache=True, parallel=True)
@@ -105,15 +100,15 @@ def run_pixels(light, threshold_on, threshold_off, leak, state, model, t_us, pol
 @njit(cache=True, error_model="numpy")
 def _run_pixel(light, threshold_on, threshold_off, leak, state, model, t_us, polarity):
     """Run one pixel; give its number of events."""
-    whole_ramps = model.cutoff == 0 and model.led_rate == 0
+    whole_ramps = model.cutoff == 0 and model.led_rate == 0 and leak == 0
     n_slot = len(light) - 1
     n_event = 0
     state, on, off = _draw_thresholds(state, threshold_on, threshold_off, model.event_noise)
-    noise, stale, spare = 0.0, np.inf, np.nan  # how long ago in own time it was that; a deviate not used yet
-    reach = FAR * model.noise
-    noise_length = NOISE_STEP / model.cutoff if model.cutoff > 0 else 0.0
+    state, normal, spare = _draw_normals(state)
+    noise, spare_is_left = model.noise * normal, True
     glow, lagged = light[0], np.log(light[0])  # the LEDs' settled light, and v
     reference, t_reference = 0.0, 0.0
+    noise_length = NOISE_STEP / model.cutoff if model.cutoff > 0 else 0.0
     waiting, ready = True, 0.0  # for the end of the refractory period
 
     for piece in range(2 * n_slot * model.n_round):
@@ -134,204 +129,129 @@ def _run_pixel(light, threshold_on, threshold_off, leak, state, model, t_us, pol
         while x_piece < duration:
             t = t_piece + x_piece
             length = duration - x_piece
-            is_last = True
             if not whole_ramps:
                 steepness = (abs(slope) + abs(transient) * model.led_rate) * per_now + leak
-                longest = CHANGE / steepness
-                if model.led_rate > 0:
-                    longest = min(longest, LED_CHANGE * model.led_rise_us * (now / abs(transient)) ** 0.25)
-                longest = max(longest, MIN_STEP_US)
-                is_last = longest >= length
-                length = min(length, longest)
+                steepness += model.cutoff * now * abs(log_now - lagged)
+                length = min(length, max(CHANGE / steepness, MIN_STEP_US))
+            if model.noise > 0:
+                q = lagged + noise - reference + leak * (t - t_reference)
+                if waiting or min(on - q, off + q) < CHANGE + FAR * model.noise:
+                    length = min(length, noise_length * per_now)
+            is_last = length == duration - x_piece
             x_piece = duration if is_last else x_piece + length
+
+            # The path of v and noise over the step
             after = transient * np.exp(-model.led_rate * length) if model.led_rate > 0 else 0.0
             then = begin - lag + slope * x_piece + after
-            log_then, per_then = (np.log(then), 1 / then) if then != now else (log_now, per_now)
+            log_then = np.log(then) if then != now else log_now
+            own_time = model.cutoff * (0.5 * length * (now - transient + then - after))
+            own_time += model.cutoff * model.led_rise_us * (transient - after)
+            gone = _gone(own_time)
+            per_then = 1 / then
+            lagged_then, noise_then, bend = log_then, noise, 0.0
+            if model.cutoff > 0:
+                growth = (slope - transient * model.led_rate) * per_now * per_now
+                growth_then = (slope - after * model.led_rate) * per_then * per_then
+                bend = 0.5 * (growth_then - growth) / (model.cutoff * own_time)
+                lagged_then = _lag(lagged, log_now, log_then, bend, own_time, own_time, gone)
+            if model.noise > 0:
+                if spare_is_left:
+                    normal = spare
+                else:
+                    state, normal, spare = _draw_normals(state)
+                spare_is_left = not spare_is_left
+                noise_then = (1 - gone) * noise + model.noise * np.sqrt(gone * (2 - gone)) * normal
             step = _Step(
                 length, now - transient, slope, transient, model.led_rate, model.cutoff,
-                log_now - lagged, 0.0, 0.0, 0.0,
+                own_time, log_now, log_then, bend, lagged, noise, noise_then,
             )  # fmt: skip
-            growth = (slope - transient * model.led_rate) * per_now
-            growth_then = (slope - after * model.led_rate) * per_then
-            rate, fastest = growth, 0.0
-            if model.cutoff > 0:
-                step = _with_slopes(step, growth * per_now, growth_then * per_then, log_then - log_now)
-                rate = model.cutoff * now * step.late
-                fastest = max(abs(rate), abs(growth), abs(growth_then))
-                fastest = fastest * max(now * per_then, then * per_now) + leak
 
-            # From one time to look at to the next
-            x, here = 0.0, _Moment(0.0, 1.0, now, lagged, rate)
-            while x < length:
-                if waiting and ready - t <= x:
-                    if stale > 0 and model.noise > 0:
-                        state, noise, spare = _draw_noise(state, spare, noise, model.noise, np.exp(-stale))
-                        stale = 0.0
-                    reference, t_reference, waiting = here.value + noise, t + x, False
-                goal, noisy = length, False
+            # Its crossings
+            x, value, value_then = 0.0, lagged + noise, lagged_then + noise_then
+            while True:
                 if waiting:
-                    goal = min(ready - t, length)
-                elif model.noise > 0:
-                    q = here.value - reference + leak * (t + x - t_reference)
-                    free = (min(on - q, off + q) - reach) / fastest
-                    shortest = noise_length / here.light
-                    noisy = not free > shortest
-                    goal = min(x + (shortest if noisy else free), length)
-                if waiting or (model.noise > 0 and not noisy):
-                    there = _look(goal, step)
-                    stale += there.own_time - here.own_time
-                    x, here = goal, there
-                    continue
-
-                # With crossings
-                noise_then = noise
-                if noisy:
-                    if stale > 0:
-                        state, noise, spare = _draw_noise(state, spare, noise, model.noise, np.exp(-stale))
-                        stale = 0.0
-                    passed = _own_time(goal, step) - here.own_time
-                    kept = _kept_in_noise_step(passed)
-                    there = _look_after(goal, here.own_time + passed, 1 - here.kept * kept, step)
-                    state, noise_then, spare = _draw_noise(state, spare, noise, model.noise, kept)
-                else:
-                    there = _look(goal, step)
-                if (
-                    not noisy and (here.rate + leak) * (there.rate + leak) < 0
-                ):  # v turns, maybe beyond a threshold
-                    q = here.value - reference + leak * (t + x - t_reference)
-                    part = (here.rate + leak) / (here.rate - there.rate)
-                    beyond = q + (here.rate + leak) * (goal - x)
-                    if not -off < beyond < on and abs(here.rate + leak) * (goal - x) > LITTLE:
-                        goal = x + max(part, 0.01) * (goal - x)
-                        there = _look(goal, step)
-                tilt = (noise_then - noise) / (goal - x) if noisy else 0.0
-                base = noise - tilt * x  # noise is base + tilt x
-                value, value_then = here.value + noise, there.value + noise_then
-                while True:
-                    if waiting:
-                        if ready - t >= goal:
-                            break
-                        x = max(ready - t, x)
-                        value = _look(x, step).value + base + tilt * x
-                        reference, t_reference, waiting = value, t + x, False
-                    drifted = reference - leak * (t - t_reference)  # the reference at x = 0
-                    low, high = value + leak * x - drifted, value_then + leak * goal - drifted
-                    at_once = low >= on or low <= -off
-                    q = low if at_once else high
-                    if -off < q < on:
+                    if ready >= t + length:
                         break
-                    sign, threshold = (1, on) if q > 0 else (-1, -off)
-                    if not at_once:
-                        target = drifted + threshold
-                        if whole_ramps and leak == 0:
-                            x = min(max((np.exp(target) - now) / slope, x), goal)
-                        else:
-                            x = _find_crossing(
-                                x, goal, low - threshold, high - threshold, target - base, leak + tilt, step
-                            )
-                    if n_event < len(t_us):
-                        t_us[n_event] = t + x
-                        polarity[n_event] = sign
-                    n_event += 1
-                    waiting, ready = True, t + x + model.refractory_us
-                    state, on, off = _draw_thresholds(state, threshold_on, threshold_off, model.event_noise)
-                x, here, noise = goal, there, noise_then
+                    x = max(ready - t, x)
+                    value = _log_intensity(x, step)
+                    reference, t_reference, waiting = value, t + x, False
+                drifted = reference - leak * (t - t_reference)  # the reference at x = 0
+                low, high = value + leak * x - drifted, value_then + leak * length - drifted
+                at_once = low >= on or low <= -off
+                q = low if at_once else high
+                if -off < q < on:
+                    break
+                sign, threshold = (1, on) if q > 0 else (-1, -off)
+                if not at_once:
+                    low, high, target = low - threshold, high - threshold, drifted + threshold
+                    if whole_ramps:
+                        x = min(max((np.exp(target) - now) / slope, x), length)
+                    else:
+                        x = _find_crossing(x, length, low, high, target, leak, step)
+                if n_event < len(t_us):
+                    t_us[n_event] = t + x
+                    polarity[n_event] = sign
+                n_event += 1
+                waiting, ready = True, t + x + model.refractory_us
+                state, on, off = _draw_thresholds(state, threshold_on, threshold_off, model.event_noise)
 
-            lagged = here.value
+            lagged, noise = lagged_then, noise_then
             now, per_now, log_now, transient = then, per_then, log_then, after
         glow = now
     return n_event
 
 
-class _Moment(NamedTuple):
-    """What is so at x of a step."""
-
-    own_time: float
-    kept: float  # exp(-own_time)
-    light: float
-    value: float  # v
-    rate: float  # dv/dx
-
-
-@njit(cache=True, error_model="numpy")
-def _with_slopes(step, growth, growth_then, change):
-    """Give a step with its slopes of log I: right are I' / I^2 at both ends [1/us] and the change of log I."""
-    tau, per_own_time = 1 / step.cutoff, 1 / _own_time(step.length, step)
-    first, bend = growth * tau, (growth_then - growth) * tau
-    rest = change * per_own_time - first
-    second, third = 2 * (3 * rest - bend) * per_own_time, 3 * (bend - 2 * rest) * per_own_time * per_own_time
-    return _Step(
-        step.length, step.flat, step.slope, step.transient, step.led_rate, step.cutoff,
-        step.late, first, second, third,
-    )  # fmt: skip
-
-
-@njit(cache=True, error_model="numpy")
-def _own_time(x, step):
-    own_time = step.cutoff * x * (step.flat + 0.5 * step.slope * x)
-    if step.led_rate > 0:
-        own_time -= step.cutoff * step.transient * np.expm1(-step.led_rate * x) / step.led_rate
-    return own_time
-
-
 @njit(cache=True)
 def _gone(own_time):
     """Give 1 - exp(-own_time), to rounding error; `expm1` takes longer where it is not needed."""
-    return 1 - np.exp(-own_time) if own_time > PLAIN else -np.expm1(-own_time)
+    return 1 - np.exp(-own_time) if own_time > 0.3 else -np.expm1(-own_time)
 
 
 @njit(cache=True)
-def _kept_in_noise_step(own_time):
-    """Give exp(-own_time), quicker near NOISE_STEP: to rounding, as the next term would add 1e-17."""
-    more = NOISE_STEP - own_time
-    if abs(more) > 0.06:
-        return np.exp(-own_time)
-    total = 0.0
-    for coefficient in EXPONENTIAL:
-        total = coefficient + more * total
-    return KEPT * total
+def _lag(lagged, log_light, log_light_then, bend, own_time, whole_time, gone):
+    """Give v at own_time, while log I goes from log_light to log_light_then in whole_time.
+
+    `bend` is half the second derivative of log I, `gone` is 1 - exp(-own_time).
+    """
+    change = (log_light_then - log_light) / whole_time
+    behind = own_time - gone
+    even = lagged + (log_light - lagged) * gone + change * behind
+    return even + bend * (own_time * own_time - (whole_time + 2) * behind)
 
 
 @njit(cache=True, error_model="numpy")
-def _look(x, step):
-    """Give the `_Moment` at x of a step."""
+def _log_intensity(x, step):
+    """Give v + noise at x of a step."""
     if step.cutoff == 0:
-        return _look_after(x, 0.0, 0.0, step)
-    own_time = _own_time(x, step)
-    return _look_after(x, own_time, _gone(own_time), step)
-
-
-@njit(cache=True, error_model="numpy")
-def _look_after(x, s, gone, step):
-    """Give the `_Moment` at x of a step, where its own time is s and 1 - exp(-s) is gone."""
-    light, rise = step.flat + step.slope * x, step.slope
+        return np.log(step.flat + step.slope * x + step.transient * np.exp(-step.led_rate * x))
+    own_time = step.cutoff * x * (step.flat + 0.5 * step.slope * x)
     if step.led_rate > 0:
-        after = step.transient * np.exp(-step.led_rate * x)
-        light, rise = light + after, rise - step.led_rate * after
-    if step.cutoff == 0:
-        return _Moment(0.0, 1.0, light, np.log(light), rise / light)
-    one = s - gone  # beside gone: integrals of 1, s and s^2 times exp(-own time since), times 1, 1 and 2
-    two = s * s - 2 * one
-    late = step.late * (1 - gone) + step.first * gone + step.second * one + step.third * two
-    return _Moment(s, 1 - gone, light, np.log(light) - late, step.cutoff * light * late)
+        own_time -= step.cutoff * step.transient * np.expm1(-step.led_rate * x) / step.led_rate
+    gone = _gone(own_time)
+    lagged = _lag(step.lagged, step.log_light, step.log_light_then, step.bend, own_time, step.own_time, gone)
+    return lagged + step.noise + (step.noise_then - step.noise) * (x / step.length)
 
 
 @njit(cache=True, error_model="numpy")
 def _find_crossing(x_low, x_high, f_low, f_high, target, leak, step):
-    """Find x where v + leak x = target by Newton's method between two x; f_low and f_high differ in sign."""
-    x = (x_low * f_high - x_high * f_low) / (f_high - f_low)
+    """Find x where v + noise + leak x = target by the Illinois method; f_low and f_high differ in sign."""
+    x = x_high
+    side = 0
     for _ in range(100):
-        here = _look(x, step)
-        f = here.value + leak * x - target
+        x = (x_low * f_high - x_high * f_low) / (f_high - f_low)
+        f = _log_intensity(x, step) + leak * x - target
         if abs(f) < CROSSING_TOLERANCE:
             break
         if (f > 0) == (f_high > 0):
-            x_high = x
+            x_high, f_high = x, f
+            if side == 1:
+                f_low *= 0.5
+            side = 1
         else:
-            x_low = x
-        x -= f / (here.rate + leak)
-        if not x_low < x < x_high:
-            x = 0.5 * (x_low + x_high)
+            x_low, f_low = x, f
+            if side == -1:
+                f_high *= 0.5
+            side = -1
     return x
 
 
@@ -357,15 +277,6 @@ def _draw_normals(state):
     radius = np.sqrt(-2 * np.log(u))
     cosine, sine = _on_circle(turn)
     return state, radius * cosine, radius * sine
-
-
-@njit(cache=True)
-def _draw_noise(state, spare, noise, sigma, kept):
-    """Give the next state, the noise when a share of it is kept, and a deviate to spare, or nan."""
-    normal, left = spare, np.nan
-    if np.isnan(spare):
-        state, normal, left = _draw_normals(state)
-    return state, kept * noise + sigma * np.sqrt(1 - kept * kept) * normal, left
 
 
 @njit(cache=True)

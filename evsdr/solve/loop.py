@@ -41,10 +41,15 @@ def solve(data: Data, recipe: tuple[Stage, ...], start: State, progress: Progres
         begin, steps = time.perf_counter(), state.n_step
         state = stage(data, replace(state, open=0.0), progress)
         dr.eval(state.theta, state.terms)
-        cost = mean(state.terms[0]) if state.terms else None
+        cost = mean(_finite(state.terms[0])) if state.terms else None
         seconds = time.perf_counter() - begin
         history.append(Passed(stage.name, state.n_step - steps, cost, state.open, seconds))
     return _solution(data, state, tuple(history))
+
+
+def _finite(cost):
+    """Leave out pixels whose events no light explains: log 0 has no cost; their variance is none either, so they are not known."""
+    return dr.select(dr.isfinite(cost), cost, 0.0)
 
 
 def _solution(data: Data, state: State, history: tuple) -> Solution:

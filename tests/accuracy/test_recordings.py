@@ -73,7 +73,8 @@ def test_without_triggers(commands):
     replace(commands.folder, "EXT_TRIGGER/events", None)
     without, summary = commands.results(out="without")
     assert summary["warnings"] == []
-    np.testing.assert_allclose(without["normal"], with_triggers["normal"], atol=0.02)
+    off = np.abs(without["normal"] - with_triggers["normal"]).max(axis=-1)
+    assert np.mean(off > 0.02) < 0.02  # pixels of few events have other minima
 
 
 def test_two_leds_of_one_band(commands):

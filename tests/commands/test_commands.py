@@ -157,7 +157,7 @@ def test_same_seed_gives_the_same_events(commands):
 def test_without_constant_light_the_scale_is_unknown(commands):
     assert commands.simulate("-D", "constant_light=0")[0] == 0
     maps, summary = commands.results("-D", "constant_light=0")
-    (message,) = summary["warnings"]
+    message = summary["warnings"][0]
     assert "scene.xml: constant_light is 0" in message and "scale" in message
     assert summary["model"]["scale"].startswith("unknown")
     known = maps["mask"]

@@ -59,7 +59,9 @@ def test_a_fit_is_handed_on(commands):
     table = np.genfromtxt(commands.folder / "out" / "csv" / "pixels.csv", delimiter=",", names=True)
     np.testing.assert_allclose(table["x_mm"], 10 * plain["x_scene"], rtol=1e-6)
     radius = np.hypot(table["x_mm"], table["y_mm"])
-    assert 7 < radius.max() < 10  # a sphere of 1 cm
+    assert (
+        7 < radius.max() < 11
+    )  # a sphere of 1 cm; pixels of 0.2 cm that it covers in part have their centres outside
     np.testing.assert_allclose(table["z_mm"].max(), -30, atol=1.5)  # 4 cm before the camera
 
 

@@ -4,19 +4,16 @@ import numpy as np
 import pytest
 
 from evsdr.events.pixel_kernel import (
-    CHANGE,
-    LED_CHANGE,
     SMALLEST_THRESHOLD,
     _draw_normals,
     _draw_thresholds,
     _draw_uniform,
     _find_crossing,
     _gone,
-    _kept_in_noise_step,
-    _look,
+    _lag,
+    _log_intensity,
     _on_circle,
     _Step,
-    _with_slopes,
 )
 
 
@@ -44,9 +41,7 @@ def test_functions_are_right_to_rounding(rng):
     found = np.array([_on_circle(t) for t in [*turn, *np.arange(9) / 8]])
     angle = 2 * np.pi * np.append(turn, np.arange(9) / 8)
     np.testing.assert_allclose(found, np.stack([np.cos(angle), np.sin(angle)], 1), rtol=0, atol=1e-15)
-    np.testing.assert_allclose([_gone(t) for t in time], -np.expm1(-time), rtol=1e-14)
-    short = np.linspace(0.4, 0.6, 50)
-    np.testing.assert_allclose([_kept_in_noise_step(t) for t in short], np.exp(-short), rtol=1e-15)
+    np.testing.assert_allclose([_gone(t) for t in time], -np.expm1(-time), rtol=1e-15)
 
 
 def test_normal_deviates():
@@ -67,54 +62,34 @@ def test_thresholds_in_force():
     np.testing.assert_array_equal(draws(_draw_thresholds, 3, 0.2, 0.4, 0.0), np.tile([0.2, 0.4], (3, 1)))
 
 
-@pytest.mark.parametrize("slope, transient", [(-0.004, 0.0), (0.02, 0.0), (0.01, -0.3), (0.0, 0.5)])
-def test_the_photoreceptor_answers_light(slope, transient):
-    """dv/dx = cutoff I (log I - v) in small steps, also where LEDs rise, as long as log I changes by CHANGE at most."""
-    cutoff, led_rate, flat, start = 0.05, 0.02, 1.0, -0.4
-    x = 0.0
-    for _ in range(12):
-        light = flat + slope * x + transient * np.exp(-led_rate * x)
-        length = CHANGE * light / (abs(slope) + abs(transient) * led_rate * np.exp(-led_rate * x))
-        if transient:
-            left = abs(transient) * np.exp(-led_rate * x)
-            length = min(length, LED_CHANGE / led_rate * (light / left) ** 0.25)
-        grid, dx = np.linspace(x, x + length, 4001, retstep=True)
-        path = flat + slope * grid + transient * np.exp(-led_rate * grid)
-        v = [start]
-        for before, after in zip(path[:-1], path[1:]):
-            gone = -np.expm1(-cutoff * dx * (before + after) / 2)
-            v.append(v[-1] + (np.log(before * after) / 2 - v[-1]) * gone)
-        rest = transient * np.exp(-led_rate * x)
-        step = _Step(
-            length, flat + slope * x, slope, rest, led_rate, cutoff, np.log(light) - start, 0.0, 0.0, 0.0
-        )
-        rates = [slope - led_rate * transient * np.exp(-led_rate * at) for at in (x, x + length)]
-        step = _with_slopes(step, rates[0] / light**2, rates[1] / path[-1] ** 2, np.log(path[-1] / light))
-        for part in (0, 1000, 2500, 4000):
-            here = _look(length * part / 4000, step)
-            assert here.light == pytest.approx(path[part], rel=1e-12)
-            assert here.value == pytest.approx(v[part], abs=2e-5)
-            assert here.rate == pytest.approx(cutoff * path[part] * (np.log(path[part]) - v[part]), abs=2e-6)
-        x, start = x + length, v[-1]
+@pytest.mark.parametrize("bend", [0.0, 0.3])
+def test_the_photoreceptor_answers_a_parabola(bend):
+    """dv/ds = log I - v, for log I a parabola in its own time s, in small steps."""
+    whole, begin, end, start = 0.8, -1.0, 0.4, -1.3
+    n = 80_000
+    ds = whole / n
+    s = (np.arange(n) + 0.5) * ds
+    log_light = begin + (end - begin) * s / whole + bend * s * (s - whole)
+    v = start
+    for k, target in enumerate(log_light):
+        v = target + (v - target) * np.exp(-ds)
+        if k == n // 2 - 1:
+            half = v
+    for own_time, expected in ((whole / 2, half), (whole, v)):
+        found = _lag(start, begin, end, bend, own_time, whole, 1 - np.exp(-own_time))
+        assert found == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("leak", [0.0, 0.01])
 @pytest.mark.parametrize("goal", [0.1, 0.5, 0.9])
-@pytest.mark.parametrize("cutoff", [0.0, 0.1])
-def test_crossings_are_where_they_are(cutoff, goal, leak):
+def test_crossings_are_where_they_are(goal, leak):
     """A step of light behind an LED that rises: the target at a share of the way is met to rounding."""
-    length = 3.0 if cutoff else 20.0
-    step = _Step(length, 1.0, 0.05, -0.4, 0.2, cutoff, np.log(0.6 / 0.5), 0.0, 0.0, 0.0)
-    after = 0.4 * np.exp(-0.2 * length)
-    then = 1 + 0.05 * length - after
-    if cutoff:
-        step = _with_slopes(step, 0.13 / 0.36, (0.05 + 0.2 * after) / then**2, np.log(then / 0.6))
-    else:
-        assert _look(length, step).value == pytest.approx(np.log(then), abs=1e-14)
+    step = _Step(20.0, 1.0, 0.05, -0.4, 0.2, 0.0, 0.0, np.log(0.6), 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def value(x):
-        return _look(x, step).value + leak * x
+        return np.log(1.0 + 0.05 * x - 0.4 * np.exp(-0.2 * x)) + leak * x
 
-    target = value(goal * length)
-    x = _find_crossing(0.0, length, value(0.0) - target, value(length) - target, target, leak, step)
-    assert x == pytest.approx(goal * length, abs=1e-9)
+    assert _log_intensity(7.0, step) + leak * 7.0 == pytest.approx(value(7.0), abs=1e-14)
+    target = value(goal * 20.0)
+    x = _find_crossing(0.0, 20.0, value(0.0) - target, value(20.0) - target, target, leak, step)
+    assert x == pytest.approx(goal * 20.0, abs=1e-9)

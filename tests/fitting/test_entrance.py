@@ -82,6 +82,9 @@ def test_progress_and_seconds(given):
     assert all(0 <= share <= 1 for _, share in told) and any(", " in stage for stage, _ in told)
 
 
+@pytest.mark.filterwarnings(
+    "ignore:.*reflectance falls with the tilt:evsdr.errors.InputWarning"
+)  # in so few pixels
 @pytest.mark.parametrize("when", ["solve, descent", "neighbours, decide on LED powers"])
 def test_a_fit_that_is_told_to_end_keeps_the_best_so_far(given, tmp_path, when):
     came = []

@@ -70,7 +70,7 @@ def test_soft_edges_are_found():
     signal = lambert_signals(normal, np.broadcast_to(SPECTRUM, (14, 14, 8)), ring_directions())
     signal = np.where(mask, signal, 0)
     signal[:, :7, 7:] *= SOFT[:, None, None]
-    recording = record_signal(signal, seed=2, event_noise=0.02)
+    recording = record_signal(signal, event_noise=0.02)
     problem = make_problem(recording, pair_events(recording, mask), ring_light(), mask)
     seen = find_visibility(problem, solve(problem), everything(problem))
     row, column = np.nonzero(mask)
