@@ -120,7 +120,9 @@ def test_what_is_told_wrong_is_found_and_mended(what, spoil):
 def test_a_shape_that_is_not_known_tells_by_curl_and_shadows(what, spoil):
     """Mirrored in x or in y are the same but for a surface that is hollow; a relief's shadows are too few to tell them apart."""
     found = find_error(*fitted_alone(scene_of("relief_unknown"), spoil(recorded("relief")[0])))
-    assert what in (found.hypothesis.what, *found.others) and "the curl that no surface has" in found.evidence
+    named = " ".join((found.hypothesis.what, *found.others))  # a mirror turns normals as another order of the LEDs does
+    assert what in named or ("mirrored" in what and "the order of the LEDs is reversed" in named)
+    assert "the curl that no surface has" in found.evidence
     assert len(found.others) <= 3
 
 
