@@ -42,14 +42,13 @@ import mitsuba as mi
 import numpy as np
 from evsdr.integrators.emission import largest_spread, mean_vectors, recurrence, toward_led, with_surface
 from evsdr.integrators.leds import Leds, find_leds, power_factor
+from evsdr.integrators.pixels import pixel_mean, pixel_shift
 from evsdr.integrators.rays import fineness, spawn, spawn_to
 from evsdr.integrators.values import is_of_led, is_of_scene, values_of
 
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import led_signals
 from evsdr.model.view import MILLIMETRES
-
-SEQUENCE_OF_SHIFTS, SEQUENCE_OF_PATHS = 7, 8  # of random numbers: others than that of the camera's rays
 
 
 class RingIntegrator(mi.SamplingIntegrator):
@@ -337,65 +336,6 @@ def visible(scene, si, ds, active, fine=None, skip=None, far=False) -> mi.Bool:
         ray.o += mi.Vector3f(dr.sign(dr.dot(si.n, si.to_world(si.wi))) * si.n) * (0.25 * skip) + skip * ds.d
         ray.maxt -= 2 * skip  # as it starts later, and lest it reaches the LED's own shape
     return active & ~scene.ray_test(ray, True, active)
-
-
-def pixel_mean(scene, sensor, spp, seed, n_value, measure) -> list[mi.Float]:
-    """Average a quantity over the area of each pixel.
-
-    Parameters
-    ----------
-    measure : callable (s, si, ray, rng, active) -> list of mi.Float
-        What to average, of length n_value, from the first surface point that ray s of a pixel meets. These points depend
-        on the seed alone, however many random numbers of `rng` are used from there.
-
-    Returns
-    -------
-    list of mi.Float, (n_value) of width H * W
-    """
-    width, height = (int(n) for n in sensor.film().crop_size())
-    pixel = dr.arange(mi.UInt32, width * height)
-    corner = mi.Vector2f(mi.Float(pixel % width), mi.Float(pixel // width))
-    seed = mi.UInt64(seed)
-    dr.make_opaque(seed)  # else each seed would be a kernel of its own
-    places = mi.PCG32(size=width * height, initstate=seed)
-    # Sequences whose numbers differ by the same in all pixels are not independent: these are scrambled
-    state, sequence = mi.sample_tea_32(pixel, mi.UInt32(seed) + SEQUENCE_OF_PATHS)
-    paths = mi.PCG32(size=width * height, initstate=mi.UInt64(state), initseq=mi.UInt64(sequence))
-    grid = int(np.sqrt(spp))
-    stratified = grid * grid == spp
-
-    def one(s, places, paths):
-        if spp == 1:
-            offset = mi.Point2f(0.5)
-        else:
-            offset = mi.Point2f(places.next_float32(), places.next_float32())
-            if stratified:
-                offset = (offset + mi.Point2f(mi.Float(s % grid), mi.Float(s // grid))) / grid
-        position = (corner + offset) / mi.Vector2f(width, height)
-        ray, _ = sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
-        si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True)
-        return measure(s, si, ray, paths, mi.Bool(True))
-
-    if spp == 1:
-        return one(mi.UInt32(0), places, paths)
-
-    def body(s, places, paths, *total):
-        value = one(s, places, paths)
-        return (s + 1, places, paths, *(t + v for t, v in zip(total, value)))
-
-    zero = [dr.zeros(mi.Float, width * height) for _ in range(n_value)]
-    start = mi.UInt32(0), places, paths, *zero
-    state = dr.while_loop(start, lambda s, *_: s < spp, body, label="pixel samples", max_iterations=-1)
-    return [total / spp for total in state[3:]]
-
-
-def pixel_shift(sensor, seed) -> mi.Point2f:
-    """Give a random point of the unit square for each pixel, from which samples of LEDs go on, ray by ray."""
-    seed = mi.UInt64(seed)
-    dr.make_opaque(seed)
-    width, height = sensor.film().crop_size()
-    rng = mi.PCG32(size=int(width * height), initstate=seed, initseq=mi.UInt64(SEQUENCE_OF_SHIFTS))
-    return mi.Point2f(rng.next_float32(), rng.next_float32())
 
 
 def camera_frame(sensor) -> np.ndarray:

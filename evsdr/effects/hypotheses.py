@@ -44,6 +44,27 @@ class Hypothesis:
     leds: tuple[int, ...] = ()
 
 
+@dataclass(frozen=True)
+class Finding:
+    """The hypothesis that explains what contradicts the files.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+    evidence : str
+    others : tuple of str
+        What would explain as much.
+    """
+
+    hypothesis: Hypothesis
+    evidence: str
+    others: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        other = f", or {self.others[0]}" if self.others else ""
+        return f"{self.hypothesis.what}{other}: {self.evidence}"
+
+
 # ---------------------------------------------------------------------- image
 
 

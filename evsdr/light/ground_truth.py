@@ -5,7 +5,8 @@ import mitsuba as mi
 import numpy as np
 
 from evsdr.integrators.leds import Leds
-from evsdr.integrators.ring import camera_frame, find_object, pixel_mean, rotate
+from evsdr.integrators.pixels import pixel_mean
+from evsdr.integrators.ring import camera_frame, find_object, rotate
 from evsdr.light.camera import camera_geometry
 from evsdr.light.scene import RingScene
 from evsdr.model import quadrature

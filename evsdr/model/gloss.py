@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import drjit as dr
 
 from evsdr.model.illumination import Illumination
-from evsdr.model.lambert import LambertianRing
+from evsdr.model.lambert import LambertianRing, seen_surface
 from evsdr.model.rough import RoughRing
 
 INDEX = 1.5  # of refraction of the coating
@@ -153,10 +153,7 @@ class GlossyRing:
             LambertianRing(light) if self.roughness is None else RoughRing(light, self.roughness, self.view)
         )
         diffuse, by_p, by_q = matt(p, q, reflectance, softness)
-        inv = dr.rsqrt(1.0 + p * p + q * q)
-        Array3f = type(self.illumination.direction[0])
-        normal = Array3f(-p * inv, -q * inv, inv)
-        view = Array3f(0, 0, 1) if self.view is None else self.view
+        inv, normal, view = seen_surface(p, q, light, self.view)
         signal = []
         for j, (d, irradiance) in enumerate(zip(light.direction, light.irradiance)):
             value, gradient = self.lobe(normal, d, view)

@@ -27,6 +27,13 @@ def soft_max0_derivative(x, softness):
     return 0.5 * (1.0 + x * dr.rsqrt(dr.square(x) + dr.square(softness)))
 
 
+def seen_surface(p, q, illumination: Illumination, view=None):
+    """Give 1 / |(-p, -q, 1)|, the unit normal of the slopes p and q, and the direction to the camera: `view`, or +z."""
+    inv = dr.rsqrt(1.0 + p * p + q * q)
+    Array3f = type(illumination.direction[0])
+    return inv, Array3f(-p * inv, -q * inv, inv), Array3f(0, 0, 1) if view is None else view
+
+
 def led_signals(illumination: Illumination, normal, reflectance: list) -> list:
     """Give the signal of each LED, without the constant light.
 

@@ -12,6 +12,7 @@ import drjit as dr
 
 from evsdr.model.gloss import facets
 from evsdr.model.illumination import Illumination
+from evsdr.model.lambert import seen_surface
 
 OF_SOFTNESS = (
     1.5  # roughness by a softness of 1: normals that are spread by s have a roughness of about 2^0.5 s
@@ -40,11 +41,8 @@ class MetalRing:
 
         Where matt surfaces have a soft horizon metal is rougher: normals are spread within a pixel.
         """
-        inv = dr.rsqrt(1.0 + p * p + q * q)
         light = self.illumination
-        Array3f = type(light.direction[0])
-        normal = Array3f(-p * inv, -q * inv, inv)
-        view = Array3f(0, 0, 1) if self.view is None else self.view
+        inv, normal, view = seen_surface(p, q, light, self.view)
         alpha = dr.sqrt(dr.square(self.roughness) + dr.square(OF_SOFTNESS * softness))
         alpha = dr.minimum(alpha, 1.0)
         signal, by_p, by_q = [], [], []
@@ -65,14 +63,12 @@ class MetalRing:
         give the same signals but for a factor, which their reflectances can have.
         """
         light = self.illumination
-        Array3f = type(light.direction[0])
-        view = Array3f(0, 0, 1) if self.view is None else self.view
+        p, q = theta[:2]
+        _, normal, view = seen_surface(p, q, light, self.view)
         halves = [dr.normalize(d + view) for d in light.direction]
         axis = dr.normalize(sum(halves))
         cosine = sum(dr.dot(h, axis) for h in halves) / len(halves)
         square = (1 - cosine) / (1 + cosine)  # of v
-        p, q = theta[:2]
-        normal = dr.normalize(Array3f(-p, -q, 1.0))
         along = dr.dot(normal, axis)
         sideways = normal - along * axis
         length = dr.maximum(dr.norm(sideways), 1e-3)

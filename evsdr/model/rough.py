@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import drjit as dr
 
 from evsdr.model.illumination import Illumination
-from evsdr.model.lambert import LambertianRing
+from evsdr.model.lambert import LambertianRing, seen_surface
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,7 @@ class RoughRing:
         """Evaluate the model; arguments and results as those of `LambertianRing`."""
         light = self.illumination
         signal, by_p, by_q = LambertianRing(replace(light, indirect=None))(p, q, reflectance, softness)
-        inv = dr.rsqrt(1.0 + p * p + q * q)
-        Array3f = type(light.direction[0])
-        normal = Array3f(-p * inv, -q * inv, inv)
-        view = Array3f(0, 0, 1) if self.view is None else self.view
+        inv, normal, view = seen_surface(p, q, light, self.view)
         to_view = dr.dot(normal, view)
         for j, d in enumerate(light.direction):
             to_light = dr.dot(normal, d)

@@ -5,16 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from evsdr.effects.evidence import consistently_wrong
+from evsdr.effects.hollow import Hollow, told_by_shadows
 from evsdr.effects.hypotheses import Hypothesis
-from evsdr.effects.setup import (
-    Hollow,
-    SetUp,
-    Wiring,
-    consistently_wrong,
-    find_error,
-    leaders,
-    told_by_shadows,
-)
+from evsdr.effects.setup import SetUp, Wiring, find_error, leaders
 from evsdr.effects.world import Terms
 from evsdr.light.ground_truth import object_normals
 from evsdr.metrics import angular_error_deg
@@ -120,7 +114,9 @@ def test_what_is_told_wrong_is_found_and_mended(what, spoil):
 def test_a_shape_that_is_not_known_tells_by_curl_and_shadows(what, spoil):
     """Mirrored in x or in y are the same but for a surface that is hollow; a relief's shadows are too few to tell them apart."""
     found = find_error(*fitted_alone(scene_of("relief_unknown"), spoil(recorded("relief")[0])))
-    named = " ".join((found.hypothesis.what, *found.others))  # a mirror turns normals as another order of the LEDs does
+    named = " ".join(
+        (found.hypothesis.what, *found.others)
+    )  # a mirror turns normals as another order of the LEDs does
     assert what in named or ("mirrored" in what and "the order of the LEDs is reversed" in named)
     assert "the curl that no surface has" in found.evidence
     assert len(found.others) <= 3

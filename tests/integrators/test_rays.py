@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from evsdr.integrators.pixels import pixel_mean
 from evsdr.integrators.rays import fineness
-from evsdr.integrators.ring import pixel_mean
 
 from tests.support.ring_scenes import camera, far, load, near, plane, render, soft
 

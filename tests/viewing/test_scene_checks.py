@@ -3,8 +3,7 @@
 from types import SimpleNamespace
 
 from evsdr.effects.effect import Decision
-from evsdr.effects.hypotheses import images
-from evsdr.effects.setup import Finding
+from evsdr.effects.hypotheses import Finding, images
 from evsdr.viewing.check import DOUBTFUL, FINE, OPEN, WRONG
 from evsdr.viewing.scene_checks import accuracy, set_up
 from tests.support.watched_files import recorded
