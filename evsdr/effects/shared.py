@@ -98,16 +98,16 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
         names = [name for name in names if name != "directions"]
     if "tau" not in names:
         names = [name for name in names if name not in WITH_LAG]
-    rig = _told(world, pixels)
+    rig, activity = _told(world, pixels), world.background[0] if world.background else None
     start = _start(world, fitted, rig, row, pixels.dimness)
-    found = infer(pixels, start, rig, told, tuple(names))
+    found = infer(pixels, start, rig, told, tuple(names), activity)
     if "tau" in names and found.wanted["dark"] > CLEAR and _lags(found, world):
         names = [*names, "dark"]
-        found = infer(pixels, _from(found), rig, told, tuple(names))
+        found = infer(pixels, _from(found), rig, told, tuple(names), activity)
     untold_deg = 0.0
     if "tau" in names and not _lags(found, world):
         names, with_lag = [name for name in names if name not in WITH_LAG], found
-        found = infer(pixels, _from(found), rig, told, tuple(names))
+        found = infer(pixels, _from(found), rig, told, tuple(names), activity)
         # Thresholds that scatter pass for noise of up to 14, but then of photoreceptors that lead (experiments.sigma, ideal)
         if found.wanted["noise"] > CLEAR_NOISE and found.wanted["tau"] > 0:
             untold_deg = with_lag.turn_deg["lag"]

@@ -19,6 +19,7 @@ from evsdr.light.tracing import trace_illumination, trace_indirect
 from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps, Recording
+from evsdr.solve.background import Activity, without_chance
 from evsdr.solve.pair_data import unlit_by, without
 from evsdr.solve.problem import Problem, make_problem
 from evsdr.solve.shared.rig import GROUPS, Told
@@ -144,6 +145,8 @@ class World:
         Roughness of the surface, if it is of metal.
     rough : float, optional
         Roughness of its matt part, if that is not Lambert's.
+    background : (Activity, Fitted), optional
+        How many events come by chance, and the first fit that tells which.
     decisions : dict of Decision
         What was decided so far.
     """
@@ -169,6 +172,7 @@ class World:
     gloss: Gloss | None = None
     metal: float | None = None
     rough: float | None = None
+    background: tuple[Activity, Fitted] | None = None
     decisions: dict = field(default_factory=dict)
 
     @classmethod
@@ -298,6 +302,10 @@ class World:
         """Give the problem to solve; what depends on the maps follows those of a fit, if there is one."""
         light, pairs = self.illumination(fitted, rays), self.pairs(fitted)
         problem = make_problem(self.recording, pairs, light, self.mask, self.hot)
+        if self.background:
+            activity, teller = self.background[0], fitted or self.background[1]
+            if np.array_equal(problem.pixel, teller.problem.pixel):
+                problem = replace(problem, pairs=without_chance(problem, teller.solution, activity))
         if self.shadows in ("scene", "estimate"):
             surface = fitted if self.on_fit else None
             plain = self.trace(False, rays if surface and rays else self.rays, surface)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from evsdr.effects import geometry
+from evsdr.effects.background import BackgroundActivity
 from evsdr.effects.blocks import sample_of
 from evsdr.effects.clock import SlotLength, TimeShift
 from evsdr.effects.gloss import GlossyLobes
@@ -50,6 +51,7 @@ EFFECTS = (
     HotPixels(),
     Thresholds(),
     Metal(),
+    BackgroundActivity(),
     SetUp(),
     Wiring(),
     ThresholdsUnderVeil(),

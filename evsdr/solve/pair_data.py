@@ -92,6 +92,18 @@ def without(pairs: PairData, ignored: np.ndarray) -> PairData:
     return replace(pairs, silent_last=dr.select(left, pairs.silent_first, pairs.silent_last))
 
 
+def only(pairs: PairData, told: np.ndarray) -> PairData:
+    """Leave out the other events, but not where silences end: told (n_pair) bool, in the order of `every_pair`."""
+    pixel = np.repeat(np.arange(len(pairs.counts)), pairs.counts)
+    some = np.unique(pixel[~told])
+    if len(some) == 0:
+        return pairs
+    k, of_pixel = _listed(pairs.first, pairs.last, some)
+    here = told[np.isin(pixel, some)]
+    first, last, lists = _moved(pairs.first, pairs.last, pairs.having(LISTS), some, k[here], of_pixel[here])
+    return replace(pairs, first=first, last=last, **lists)
+
+
 def unlit_by(pairs: PairData, doubtful: np.ndarray) -> PairData:
     """Leave out the events and silences in which certain LEDs give light, doubtful (n_led, n_pixel) bool."""
     some = np.flatnonzero(doubtful.any(axis=0))

@@ -15,7 +15,7 @@ from evsdr.solve import trial
 FAST = evsdr.Settings(preset="fast")
 ALL = {"LEDs", "cast shadows", "rays per pixel", "hot pixels", "contrast thresholds", "refractory period"}
 ALL |= {"set-up", "wiring", "photoreceptor lag", "light paths", "gloss", "metal", "translucency", "matt part"}
-ALL |= {"LED powers", "LED directions", "shift of all times", "leak", "slot length"}
+ALL |= {"LED powers", "LED directions", "shift of all times", "leak", "slot length", "background activity"}
 
 
 class LateTriggers:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from evsdr.solve.background import Activity, least_residual
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.posterior import SLACK, Point, Posterior, Start
 from evsdr.solve.shared.rig import CONSIDERED, GROUPS, NAMES, TIMES, Basis, Rig, Told
@@ -66,6 +67,7 @@ def infer(
     told: Rig,
     tolerance: Told = Told(),
     names: tuple[str, ...] = UNKNOWN,
+    activity: Activity | None = None,
 ) -> Inferred:
     """Infer what pixels share, together with their maps.
 
@@ -77,10 +79,17 @@ def infer(
         How well.
     names : tuple of str
         Of `UNKNOWN`, or some of them: what is unknown. The rest stays as told.
+    activity : Activity, optional
+        How many events come by chance; those that do by the start are left out.
     """
     posterior = _posterior(pixels, start, told, tolerance, names)
     begin = posterior.basis.vectors.T @ start.rig.vector
     point = posterior.at(start.theta, begin)
+    if activity:
+        u = point.residual
+        pixels = pixels.without(u < least_residual(u[np.isfinite(u)], activity))
+        posterior = replace(posterior, pixels=pixels)
+        point = posterior.at(start.theta, begin)
     posterior = replace(posterior, weigh=point.variance)
     damped, n_step = Damping(np.full(len(start.theta), FIRST_DAMPING)), 0
     for round_ in range(N_ROUND):

@@ -77,6 +77,11 @@ class Pixels:
         follows[offset[:-1][offset[:-1] < len(gap)]] = False
         return float(np.quantile(gap[follows], FEW)) if follows.any() else np.inf
 
+    def without(self, left: np.ndarray) -> "Pixels":
+        """Leave out what some events (n_event,) bool end; the next ones still start there."""
+        offset, at, gap, polarity, inside, ending = self.events
+        return replace(self, events=(offset, at, gap, polarity, inside & ~left, ending))
+
     def signals(self, theta: np.ndarray, rig: Rig) -> np.ndarray:
         """Give the signals (n_pixel, 4, n_led) of maps (n_pixel, 2 + n_band) under a rig, see `kernel.pixel_sums`."""
         Float = type(self.light.constant_light)
