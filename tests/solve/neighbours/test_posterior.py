@@ -1,11 +1,15 @@
 from dataclasses import replace
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 
+from evsdr.model.arrays import owned
 from evsdr.solve import grid as g
-from evsdr.solve.neighbours.posterior import Priors
+from evsdr.solve.neighbours import system as joint
+from evsdr.solve.neighbours.posterior import Priors, squared_pulls
+from evsdr.solve.neighbours.priors import Form, Learnt, smooth_reflectance
 from evsdr.solve.noise import IGNORED
 from evsdr.solve.recipes import Effort
 from evsdr.solve.tuning import Tuning
@@ -103,3 +107,33 @@ def test_nothing_to_learn_from_is_no_error():
     small = replace(problem, pixel=problem.pixel[500:503], grid=grid, pairs=problem.pairs.at(index))
     solution = solve(small, WITH_PRIORS)
     assert np.isfinite(solution.theta).all() and np.isfinite(solution.covariance).all()
+
+
+def test_sigma_holds_what_a_prior_pulls_away():
+    """A bright tile beside a dark one, of one band, and data that hardly tell its scale: a smooth prior pulls it down."""
+    mask, precision, told = np.ones((6, 12), bool), 4.0, 0.3
+    links = g.make_grid(mask, mi.UInt32).links
+    bright = (np.arange(12) < 6)[None, :].repeat(6, axis=0).ravel()
+    truth = np.where(bright, np.log(0.5), np.log(0.03))
+    known = np.where(bright, told, 30.0)
+    weights = [np.where(s.valid(links).numpy(), 1.0, 0.0) for s in (g.SECOND_X, g.SECOND_Y)]
+    form = Form(
+        Learnt.of(smooth_reflectance(1), np.eye(1) / precision, mi.Float), _arrays(weights), jacobian=None
+    )
+    # lower triangles of the pixels' matrices: slopes are known, and no one asks for them
+    own = [np.ones(72), np.zeros(72), np.ones(72), np.zeros(72), np.zeros(72), known]
+    nothing = dr.zeros(mi.Float, 72)
+    dr.make_opaque(nothing)
+    matrix, lower, pivot, _ = joint.make_system([form], _arrays(own), nothing, links)
+    system = joint.JointSystem(matrix, [form], lower, pivot)
+    found = joint.solve(system, _arrays([np.zeros(72), np.zeros(72), known * truth]), links, 1e-4)
+    off = found[2].numpy() - truth
+    assert off[bright].mean() < -0.1
+    pulled = squared_pulls(system, found, links)
+    ratio = np.sqrt(pulled[:, 2, 2])[bright] / np.abs(off[bright])
+    assert 0.3 < np.median(ratio) < 1.0
+    assert not pulled[:, :2].any()
+
+
+def _arrays(values):
+    return [owned(mi.Float, np.asarray(v, np.float32)) for v in values]
