@@ -358,9 +358,17 @@ def squared_pulls(system: joint.JointSystem, theta: list, links: Links) -> np.nd
     them; where single pixels hardly know their scale that adds up over a whole surface, and does not average out. Of
     a true prior of the precision p, beside data of h, the mean square is p h / (h + p)^3: a quarter of the variance at most.
     """
-    out, nothing = 0.0, [dr.zeros(type(v), dr.width(v)) for v in theta]
+    out, width = 0.0, dr.width(theta[0])
+
+    def zeros(n: int) -> list:
+        values = [dr.zeros(type(theta[0]), width) for _ in range(n)]
+        dr.make_opaque(values)
+        return values
+
     for form in system.forms:
-        pull = joint.right_side([form], theta, nothing, links)
+        # the others stay with no weight: functions are recorded for the forms that they get
+        alone = [f if f is form else replace(f, weights=zeros(len(f.weights))) for f in system.forms]
+        pull = joint.right_side(alone, theta, zeros(len(theta)), links)
         step = np.stack([v.numpy() for v in joint.solve(system, pull, links, EXACTLY)], axis=-1).astype(float)
         out = out + step[:, :, None] * step[:, None, :]
     return out
