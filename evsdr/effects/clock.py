@@ -1,4 +1,4 @@
-"""Times: how long slots last, and light and events that do not share one start."""
+"""Times: the clock's steps, how long slots last, and light and events that do not share one start."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -8,7 +8,7 @@ import numpy as np
 from evsdr.effects.effect import Decision
 from evsdr.effects.shared import WARNED, SharedEffect, SharedFound, plus_minus
 from evsdr.events.period import Period, find_period, root_mean_square, unevenness
-from evsdr.records import Recording
+from evsdr.records import Events, Recording
 
 if TYPE_CHECKING:
     from evsdr.effects.world import Fitted, World
@@ -17,6 +17,54 @@ CLEAR = 4.0  # standard deviations from which slots last otherwise than told
 JITTER = 0.01  # slots: standard deviation of triggers from which these are evened out; guessed
 WARNED_PPM = 10_000  # resonators are within half of that
 PPM = 1e6
+FEWEST_EVENTS = 100  # that tell a clock's step: chance gives them a common divisor once in 2^100
+COARSEST = 0.25  # slots: events that come only where light switches have a longer common divisor
+
+
+class ClockStep:
+    """Times in steps of more than a microsecond: an event came within its step, in the middle of it on average.
+
+    The last step before an event is what a clock writes. Triggers come so, too, unless they are whole rounds apart to
+    the microsecond: then the ring runs by that clock, and starts on a step.
+    """
+
+    name, option, when = "clock's step", "", "scene"
+
+    def decide(self, asked: str, world: "World", fitted: "Fitted | None") -> Decision | None:
+        """Look for the common divisor of all times."""
+        recording = world.recording
+        step = step_of(recording.events.t)
+        if not 1 < step <= COARSEST * recording.schedule.slot_us:
+            return None
+        why = f"times are whole steps of {step} us; events are taken to be spread evenly over their step"
+        return Decision(self.name, True, why, None, {"step_us": step}, in_the_middle(recording, step))
+
+    def model(self, world: "World", decision: Decision) -> "World":
+        """Let events come within their steps."""
+        return replace(world, recording=decision.answer, clock_us=float(decision.found["step_us"]))
+
+
+def step_of(t: np.ndarray) -> int:
+    """Give the greatest common divisor of times (n,) int64 [us] after the first, 0 where they are too few to tell."""
+    return int(np.gcd.reduce(t - t[0])) if len(t) >= FEWEST_EVENTS else 0
+
+
+def in_the_middle(recording: Recording, step: int) -> Recording:
+    """Spread the events that a pixel has in one step evenly over it."""
+    events, starts = recording.events, np.asarray(recording.round_start_us)
+    pixel = events.y.astype(np.int64) * recording.sensor.width + events.x
+    order = np.lexsort((events.t, pixel))
+    new = np.append(True, (np.diff(pixel[order]) != 0) | (np.diff(events.t[order]) != 0))
+    first, group = np.flatnonzero(new), np.cumsum(new) - 1
+    number = np.arange(len(order)) - first[group]
+    t = np.empty(len(order), np.int64)
+    t[order] = events.t[order] + ((number + 0.5) / np.bincount(group)[group] * step).astype(np.int64)
+    by_time = np.argsort(t, kind="stable")
+    events = Events(*(values[by_time] for values in (events.x, events.y, events.p, t)))
+    apart = np.diff(starts)
+    if len(apart) and not np.any(apart % step) and np.any(apart % _round_us(recording)):
+        starts = starts + 0.5 * step
+    return replace(recording, events=events, round_start_us=starts)
 
 
 class SlotLength:

@@ -89,7 +89,7 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
     row = choose(problem, solution, N_PIXEL)
     if len(row) < FEWEST_PIXELS:
         return None
-    pixels = collect(world.recording, problem, solution, row)
+    pixels = collect(world.recording, problem, solution, row, world.clock_us)
     told = world.terms.told
     if "refractory_us" in sensor.guessed:
         told = replace(told, refractory_us=GUESSED_REFRACTORY_US)

@@ -137,6 +137,8 @@ class World:
         What pixels were found to share from an earlier fit, to start from.
     leak : float
         Rise of what the comparators see since the reference was memorised [log I per us].
+    clock_us : float
+        Step of the clock, if it is more than a microsecond; each event came within its step.
     aim : Aim, optional
         What LEDs do otherwise than told.
     gloss : Gloss, optional
@@ -167,6 +169,7 @@ class World:
     veil: float | None = None
     lag: Lag | None = None
     leak: float = 0.0
+    clock_us: float = 0.0
     found: SharedFound | None = None
     aim: Aim | None = None
     gloss: Gloss | None = None

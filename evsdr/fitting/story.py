@@ -9,7 +9,7 @@ import numpy as np
 from evsdr.effects import geometry
 from evsdr.effects.background import BackgroundActivity
 from evsdr.effects.blocks import sample_of
-from evsdr.effects.clock import SlotLength, TimeShift
+from evsdr.effects.clock import ClockStep, SlotLength, TimeShift
 from evsdr.effects.gloss import GlossyLobes
 from evsdr.effects.hot_pixels import HotPixels
 from evsdr.effects.indirect import IndirectLight
@@ -47,6 +47,7 @@ EFFECTS = (
     NearLeds(),
     Shadows(),
     Rays(),
+    ClockStep(),
     SlotLength(),
     HotPixels(),
     Thresholds(),

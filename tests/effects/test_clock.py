@@ -1,4 +1,4 @@
-"""Slots of another length, and times that are late."""
+"""Steps of the clock, slots of another length, and times that are late."""
 
 from dataclasses import replace
 
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from evsdr.effects import clock
-from evsdr.effects.clock import SlotLength, TimeShift
+from evsdr.effects.clock import ClockStep, SlotLength, TimeShift, step_of
 from evsdr.events.period import Period
+from evsdr.records import Events
 from tests.support.shared_worlds import FITTED, decision, found, world
 
 
@@ -80,3 +81,64 @@ def test_triggers_that_jitter_are_evened_out(monkeypatch, period):
     np.testing.assert_allclose(
         SlotLength().model(before, chosen).recording.round_start_us, 900 + 3003 * np.arange(60), atol=10
     )
+
+
+def with_times(t, starts=(0, 3000)):
+    """Give a world whose pixels (0, 0) and (1, 0) take turns at times t [us]."""
+    n = len(t)
+    events = Events(
+        np.arange(n, dtype=np.uint16) % 2, np.zeros(n, np.uint16), np.ones(n, np.int8), np.asarray(t)
+    )
+    before = world()
+    return replace(
+        before, recording=replace(before.recording, events=events, round_start_us=np.asarray(starts))
+    )
+
+
+def test_events_come_in_the_middle_of_their_step(rng):
+    """On average; where they are in it does not shift them any more."""
+    exact = np.sort(rng.integers(0, 500_000, 400))
+    before = with_times(exact // 100 * 100)
+    chosen = ClockStep().decide("auto", before, None)
+    assert chosen.modelled and chosen.found == {"step_us": 100} and "100 us" in chosen.why
+    assert ClockStep().model(before, chosen).clock_us == 100
+    after = ClockStep().model(before, chosen).recording
+    late = np.sort(after.events.t) - exact
+    assert abs(late.mean()) < 4 and np.abs(late).max() <= 100
+    assert (np.diff(after.events.t) >= 0).all()
+    np.testing.assert_array_equal(after.round_start_us, [0, 3000])
+
+
+def test_events_of_one_pixel_share_a_step():
+    """Two of one pixel stand at its quarters, in their order, those of others in the middle; coordinates go along."""
+    t = np.repeat(np.arange(50) * 200, 4)[:-1]
+    before = with_times(t)
+    found = ClockStep().model(before, ClockStep().decide("auto", before, None)).recording.events
+    np.testing.assert_array_equal(found.t[found.x == 0], (np.arange(50)[:, None] * 200 + [50, 150]).ravel())
+    np.testing.assert_array_equal(found.t[found.x == 1][-3:], [9650, 9750, 9900])
+    assert (np.diff(found.t) >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("starts", "later"), [((0, 3000, 6100), 50), ((0, 3000, 6000), 0), ((7, 3010, 6020), 0)]
+)
+def test_triggers_in_steps_of_the_clock(starts, later):
+    """Rounds that last no whole steps, by a clock of their own; by the ring's; to the microsecond."""
+    before = with_times(np.arange(400) * 100, starts)
+    after = ClockStep().model(before, ClockStep().decide("auto", before, None)).recording
+    np.testing.assert_array_equal(after.round_start_us, np.add(starts, later))
+
+
+@pytest.mark.parametrize(
+    "t",
+    [
+        np.arange(400) * 100 + (np.arange(400) == 9),
+        np.arange(99) * 100,
+        np.arange(400) * 1000,
+        np.zeros(0, int),
+    ],
+)
+def test_no_step_of_a_clock(t):
+    """One event off it; too few events; only when slots start; none."""
+    assert ClockStep().decide("auto", with_times(t), None) is None
+    assert step_of(t) in (0, 1, 1000)

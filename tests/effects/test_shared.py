@@ -89,7 +89,7 @@ def test_values_are_written_with_their_sigma():
 class RealWorld(SmallWorld):
     """With what an inference looks at."""
 
-    found, ring, background = None, None, None
+    found, ring, background, clock_us = None, None, None, 0.0
 
     @property
     def memo(self):

@@ -51,6 +51,7 @@ class SharedWorld:
     lag: object = None
     metal: float | None = None
     leak: float = 0.0
+    clock_us: float = 0.0
     thresholds: bool = False
     found: object = None
     memo: Memo = None

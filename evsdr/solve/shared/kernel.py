@@ -39,6 +39,7 @@ class Terms(NamedTuple):
     robust: float  # width of Cauchy's cost in standard deviations
     slope_term: float  # weight of the density of event times
     slowest: float  # dv/dt per slot, see `slowest_of`
+    clock: float = 0.0  # slots in which a time may lie evenly
 
 
 def slowest_of(threshold: np.ndarray) -> float:
@@ -164,7 +165,7 @@ def pixel_sums(
     lead : (2, n) float64
         `lead.TABLE`.
     weigh : (n_event,) float64
-        Variance of u by the photoreceptor's noise, by which events are weighed.
+        Variance of u by the photoreceptor's noise and the clock's steps, by which events are weighed.
     some : (n,) int64, optional
         Only these pixels; by default all.
     kind : (n_event,) int64, optional
@@ -179,7 +180,7 @@ def pixel_sums(
     residual : (n_event,)
         u of the event; NaN where it counts for nothing.
     variance : (n_event,)
-        That of u by the photoreceptor's noise.
+        That of u by the photoreceptor's noise and the clock's steps.
     """
     n_pixel, n_event = len(signals), len(events[1])
     n = 3 + band.max() + 2 * own_thresholds
@@ -242,7 +243,7 @@ def _run(
             told = k > offset[i] and length >= refractory and (last or inside[k])
             p = 0.0 if last else float(polarity[k])
             before = float(polarity[k - 1]) if k > offset[i] else 0.0
-            start, late_0, left, by_shift, by_refractory = 0.0, 0.0, 0.0, 0.0, 0.0
+            start, late_0, left, speed_0, by_shift, by_refractory = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             if told:
                 start = (at[k - 1] - shift + refractory) % n_slot
                 level, velocity = 0.0, 0.0
@@ -256,6 +257,7 @@ def _run(
                     by_level, by_velocity = kept(refractory * own, values[q, POLE])
                     added = before * values[q, NOISE] * (by_level * noise[q, 0] + by_velocity * noise[q, 1])
                     reference[q] = log_now - late_0 + added
+                speed_0 = late_0 * own
                 by_level, by_velocity = _change_of_kept(refractory * own, pole)
                 fading = before * told_noise * (by_level * noise[0, 0] + by_velocity * noise[0, 1])
                 by_shift = (
@@ -291,7 +293,8 @@ def _run(
                 threshold = thresholds[i, side]
                 since = length - refractory
                 u = p * (met[0] - reference[0] + leak * since) / threshold - 1
-                residual[k], variance[k] = u, (told_noise**2 * spread + left) / threshold**2
+                by_clock = terms.clock**2 / 12 * ((late * own) ** 2 + speed_0**2)
+                residual[k], variance[k] = u, (told_noise**2 * spread + left + by_clock) / threshold**2
                 scale = np.sqrt(terms.scatter**2 + weigh[k])
                 factor = p / threshold / scale
                 row[:] = 0

@@ -46,6 +46,8 @@ class Pixels:
         C_on and C_off as told.
     crossfade, slot_us : float
         Of the schedule.
+    clock : float
+        Step of the clock [slots].
     """
 
     model: object
@@ -55,6 +57,7 @@ class Pixels:
     threshold: np.ndarray
     crossfade: float
     slot_us: float
+    clock: float = 0.0
 
     @property
     def light(self) -> Illumination:
@@ -198,7 +201,9 @@ def choose(problem: Problem, solution: Solution, most: int) -> np.ndarray:
     return np.sort(np.random.default_rng(0).permutation(np.flatnonzero(clear))[:most])
 
 
-def collect(recording: Recording, problem: Problem, solution: Solution, row: np.ndarray) -> Pixels:
+def collect(
+    recording: Recording, problem: Problem, solution: Solution, row: np.ndarray, clock_us: float = 0.0
+) -> Pixels:
     """Collect some rows of a problem, with the events of their pixels."""
     schedule, pairs, light = recording.schedule, problem.pairs, problem.illumination
     Float, UInt32 = type(light.constant_light), type(pairs.first)
@@ -214,6 +219,7 @@ def collect(recording: Recording, problem: Problem, solution: Solution, row: np.
         threshold=np.stack(thresholds, axis=-1).astype(float),
         crossfade=float(schedule.crossfade),
         slot_us=float(schedule.slot_us),
+        clock=clock_us / schedule.slot_us,
     )
 
 

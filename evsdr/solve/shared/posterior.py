@@ -147,7 +147,7 @@ class Posterior:
     def _sums(self, theta, free, some=None, kind=None) -> tuple:
         """See `kernel.pixel_sums`."""
         slowest = slowest_of(self.pixels.threshold)
-        terms = Terms(self.pixels.crossfade, self.scatter, ROBUST, SLOPE_TERM, slowest)
+        terms = Terms(self.pixels.crossfade, self.scatter, ROBUST, SLOPE_TERM, slowest, self.pixels.clock)
         given = self.own_thresholds, self.tilted, terms, self.weigh, some, self.stirred
         return self.pixels.sums(theta, self.rig(free), *given, kind)
 
