@@ -276,8 +276,9 @@ class World:
         free = self.trace(False, self.rays, fitted if self.moved else None)
         problem = make_problem(self.recording, fitted.problem.told, free, self.mask, self.hot)
         whole = replace(problem.illumination, indirect=fitted.problem.illumination.indirect)
-        before = fitted.problem.illumination.share_of(whole, problem.n_pixel)
-        return replace(problem, illumination=whole), before
+        # Not the ratio of its light to this: LEDs may have been found stronger or weaker since
+        shape, before = (problem.illumination.n_led, problem.n_pixel), fitted.problem.visible
+        return replace(problem, illumination=whole), np.ones(shape, np.float32) if before is None else before
 
     def _traced(self, fitted: Fitted, problem: Problem) -> np.ndarray:
         """Trace what each pixel sees of the LEDs (n_led, n_pixel), on the surface of a fit where the shape is not known."""
@@ -313,11 +314,13 @@ class World:
             surface = fitted if self.on_fit else None
             plain = self.trace(False, rays if surface and rays else self.rays, surface)
             share = light.share_of(plain, self.mask.size)[:, problem.pixel]
-            problem = replace(problem, pairs=unlit_by(problem.pairs, doubtful(share, light.band)))
+            pairs = unlit_by(problem.pairs, doubtful(share, light.band))
+            problem = replace(problem, pairs=pairs, visible=share)
         if self.shadows == "latent" and fitted:
             seen = self.seen(fitted)
             pairs, fired = without(problem.pairs, seen.untold), problem.fired & ~seen.untold
-            problem = replace(problem, start=seen.theta, pairs=pairs, fired=fired)
+            told = {"start": seen.theta, "visible": seen.share}
+            problem = replace(problem, pairs=pairs, fired=fired, **told)
         Float = type(problem.pairs.phases)
         if self.metal is not None:
             metal = dr.opaque(Float, self.metal)

@@ -109,12 +109,15 @@ class Piece:
     fired : (n,) bool
     n_pair : (n,) int
     solution : Solution
+    visible : (n_led, n) float32, optional
+        What they see of the LEDs, see `Problem`.
     """
 
     pixel: np.ndarray
     fired: np.ndarray
     n_pair: np.ndarray
     solution: Solution
+    visible: np.ndarray | None = None
 
     @classmethod
     def of(cls, fitted: Fitted, tile: Tile) -> "Piece":
@@ -126,7 +129,8 @@ class Piece:
         n_pair = np.diff(problem.told.offset.astype(np.int64))[pixel]
         solution = fitted.solution.at(row)
         solution = replace(solution, covariance=solution.covariance.astype(np.float32))
-        return cls(pixel, problem.fired[row], n_pair, solution)
+        visible = None if problem.visible is None else problem.visible[:, row]
+        return cls(pixel, problem.fired[row], n_pair, solution, visible)
 
 
 def solve_tiles(
@@ -199,5 +203,7 @@ def together(world: World, example: Fitted, pieces: list[Piece], maps: Maps) -> 
         n_dropped=n_event - int(count.sum()) - int(np.count_nonzero(fired)),
     )
     grid = Grid(world.mask, example.problem.grid.links)
-    problem = replace(example.problem, pixel=pixel, fired=fired, grid=grid, told=told)
+    seen = [piece.visible for piece in pieces]
+    visible = None if seen[0] is None else np.concatenate(seen, axis=1)[:, order]
+    problem = replace(example.problem, pixel=pixel, fired=fired, grid=grid, told=told, visible=visible)
     return Fitted(problem, solution, maps)

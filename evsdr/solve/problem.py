@@ -47,6 +47,8 @@ class Problem:
         Unknowns to start from that go with the light, better than those of an earlier fit.
     told : Pairs, optional
         Pairs of all pixels, hot ones included.
+    visible : (n_led, n_pixel) float32, optional
+        What they see of the LEDs, which `illumination` counts already; all by default.
     """
 
     pixel: np.ndarray
@@ -60,6 +62,7 @@ class Problem:
     view: object = None
     start: np.ndarray | None = None
     told: Pairs | None = None
+    visible: np.ndarray | None = None
 
     @property
     def n_pixel(self) -> int:
@@ -80,6 +83,7 @@ class Problem:
             grid=grid,
             view=view,
             start=None if self.start is None else self.start[row],
+            visible=None if self.visible is None else self.visible[:, row],
         )
 
     @property

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from evsdr.effects.shared import Aim
 from evsdr.effects.world import Fitted, Memo, World
 from evsdr.errors import InputError
 from evsdr.files.events_h5 import read_recording
@@ -104,6 +105,7 @@ def test_the_problem_starts_from_what_goes_with_the_visibility(latent, monkeypat
     problem = world.problem(fitted)
     assert problem.start is seen.theta and (problem.fired == (fitted.problem.fired & ~untold)).all()
     assert problem.pairs.counts[untold].tolist() == [0] and problem.pairs.counts.sum() > 0
+    assert problem.visible is share
     dark = problem.illumination.irradiance[2].numpy() == 0
     assert np.flatnonzero(dark).tolist() == [5]
     assert world.problem().start is None
@@ -129,8 +131,35 @@ def test_visibility_stays_once_lobes_are_known(latent):
     silent = np.flatnonzero(fitted.problem.fired)[:1]
     fired = fitted.problem.fired.copy()
     fired[silent] = False
-    problem = replace(fitted.problem, illumination=fitted.problem.illumination.seen(share), fired=fired)
+    light = fitted.problem.illumination.seen(share)
+    problem = replace(fitted.problem, illumination=light, fired=fired, visible=share)
     solution = type("Solution", (), {"all_theta": np.zeros((problem.n_pixel, 4), np.float32)})()
     seen = replace(world, gloss=object()).seen(Fitted(problem, solution, None))
     np.testing.assert_allclose(seen.share, share)
     assert np.flatnonzero(seen.untold).tolist() == silent.tolist() and seen.theta is solution.all_theta
+
+
+def test_weaker_leds_are_not_hidden(latent, monkeypatch):
+    """Powers that were found since the fit change the light, and not what pixels see of it."""
+    from evsdr.effects import world as module
+
+    world, fitted = latent
+    n_led, n_pixel = world.ring.leds.n_led, fitted.problem.n_pixel
+    share = np.ones((n_led, n_pixel), np.float32)
+    share[1, 3] = 0.25
+    light = fitted.problem.illumination.seen(share)
+    problems = replace(fitted.problem, illumination=light, visible=share), fitted.problem
+    stronger = replace(world, aim=Aim(np.full(n_led, 0.03), np.zeros((n_led, 2))))
+    given = []
+    monkeypatch.setattr(module, "find_visibility", lambda problem, solution, share, *rest: given.append(share))
+    for problem in problems:
+        stronger.seen(replace(fitted, problem=problem))
+    np.testing.assert_array_equal(given[0], share)
+    np.testing.assert_array_equal(given[1], 1)
+
+
+@pytest.mark.parametrize("shadows", ["none", "scene"])
+def test_the_problem_tells_what_is_traced(latent, shadows):
+    world, _ = latent
+    visible = replace(world, shadows=shadows).problem().visible
+    assert visible is None if shadows == "none" else visible.shape == (world.ring.leds.n_led, world.mask.sum())

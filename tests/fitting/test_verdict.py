@@ -62,6 +62,16 @@ def test_residuals_that_come_again_in_every_round_are_a_doubt():
     assert str(judge(world(), fitted(), recurring=0.03)) == TRUSTWORTHY
 
 
+def test_shadows_that_only_events_tell_are_a_doubt_where_most_pixels_lie_in_them():
+    words = "^b.h5: 60% of the known pixels lie in the shadow of some LEDs"
+    given = world(shadows="latent")
+    assert said(words, given, fitted(hidden=60)).startswith("doubtful: b.h5: ")
+    assert said("75% of the known pixels", given, fitted(hidden=60, known=80)).startswith("doubtful")
+    assert str(judge(given, fitted(hidden=40))) == str(judge(given, fitted())) == TRUSTWORTHY
+    assert str(judge(world(shadows="latent", shape=True), fitted(hidden=60))) == TRUSTWORTHY
+    assert str(judge(world(shadows="scene"), fitted(hidden=60))) == TRUSTWORTHY
+
+
 def test_what_is_not_modelled_does_not_warn():
     given = world(decisions={"wiring": replace(MENDED, modelled=False)})
     assert str(judge(given, fitted())) == TRUSTWORTHY
