@@ -62,7 +62,8 @@ def judge(world: World, fitted: Fitted, stopped: bool = False, recurring: float 
     contradictions = tuple(contradictions_of(world, fitted))
     # Under a contradiction what else is odd comes of that
     doubts = tuple(ignorance(world, fitted))
-    doubts += () if contradictions else (*unexplained(world, recurring), *shadowed(world, fitted), *doubts_of(world, fitted))
+    if not contradictions:
+        doubts += (*unexplained(world, recurring), *shadowed(world, fitted), *doubts_of(world, fitted))
     if stopped:
         early = "this fit was stopped early, so that errors may be larger than sigmas say; let it end."
         doubts = (f"{world.recording.source}: {early}", *doubts)

@@ -151,7 +151,9 @@ def test_weaker_leds_are_not_hidden(latent, monkeypatch):
     problems = replace(fitted.problem, illumination=light, visible=share), fitted.problem
     stronger = replace(world, aim=Aim(np.full(n_led, 0.03), np.zeros((n_led, 2))))
     given = []
-    monkeypatch.setattr(module, "find_visibility", lambda problem, solution, share, *rest: given.append(share))
+    monkeypatch.setattr(
+        module, "find_visibility", lambda problem, solution, share, *rest: given.append(share)
+    )
     for problem in problems:
         stronger.seen(replace(fitted, problem=problem))
     np.testing.assert_array_equal(given[0], share)
@@ -162,4 +164,6 @@ def test_weaker_leds_are_not_hidden(latent, monkeypatch):
 def test_the_problem_tells_what_is_traced(latent, shadows):
     world, _ = latent
     visible = replace(world, shadows=shadows).problem().visible
-    assert visible is None if shadows == "none" else visible.shape == (world.ring.leds.n_led, world.mask.sum())
+    assert (
+        visible is None if shadows == "none" else visible.shape == (world.ring.leds.n_led, world.mask.sum())
+    )

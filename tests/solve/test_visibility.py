@@ -165,6 +165,16 @@ def test_sigma_holds_what_other_visibility_would_make(shadowed, seen):
     assert open_there > 0.7 * error[wrong] > 5 * sure[wrong]
 
 
+def test_guesses_that_cost_a_little_more_are_not_ruled_out(shadowed, seen, monkeypatch):
+    problem, solution, *_ = shadowed
+    found, given = replace(solution, theta=seen.theta), (seen.share, everything(problem), False)
+    wide = sigma_of(found, left_open(problem, found, *given))
+    monkeypatch.setattr(visibility, "OPEN", 1.0)
+    narrow = sigma_of(found, left_open(problem, found, *given))
+    shaded = (seen.share < 0.5).any(axis=0)
+    assert np.mean(wide[shaded] > 3 * narrow[shaded]) > 0.3 and np.median(wide) < 1
+
+
 def sigma_of(solution, error):
     """Give the standard deviation of normals [deg] by a covariance of maps."""
     return normal_sigma_deg(*solution.theta[:, :2].astype(float).T, error[:, :2, :2])
