@@ -21,8 +21,8 @@ FAINT = 0.005  # of an LED's light, below which a constant light is too weak; gu
 # Of a threshold, residuals that come again in every round. Measured: 0 to 0.035 where sigmas hold, 0.055 to 0.11 on sculptures in
 # their own light, and 0.067 to 0.074 on a sphere under a lamp of 100 Hz, where they do not
 RECURRING = 0.05
-# Of the known pixels, from which LEDs are hidden as nothing but their events tells: measured, 0.67 on a lion whose sigmas do not
-# hold (90 % within three), 0.29 to 0.41 on a goathead, Nefertiti and a skull, whose do
+# Of the known pixels, from which LEDs are hidden as nothing but their events tells: measured, 0.57 on a lion whose sigmas do not
+# hold (94 % within three), 0.29 to 0.35 on a relief, a goathead, Nefertiti and a skull, whose do
 SHADOWED = 0.5
 FEW_KNOWN = 0.5  # of the pixels that fire; guessed
 
