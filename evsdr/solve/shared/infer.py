@@ -15,12 +15,13 @@ from evsdr.solve.shared.rig import CONSIDERED, GROUPS, NAMES, TIMES, Basis, Rig,
 from evsdr.solve.shared.robust import covariance, kinds
 from evsdr.solve.unknowns import normal_sigma_deg, to_normal
 
-N_ROUND, N_STEP = 4, 4  # of steps with one scatter; guessed: the last ones hardly move anything
+N_ROUND, N_STEP = 12, 4  # of steps with one scatter, at most; guessed: the last ones hardly move anything
 UNKNOWN = tuple(name for name in NAMES if name != CONSIDERED)
 RISEN = 0.01  # mean loss of that from which a step is refused
 SETTLED = (
     0.15  # standard deviations of what is shared, root mean square, by which a step goes when it is the last
 )
+STILL = 0.98  # share of the scatter that a last round leaves; guessed
 FIRST_DAMPING, DAMPING_RANGE = 1e-3, (1e-6, 1e6)
 FIRST_STIFFNESS, MOST_STIFFNESS = 1e-2, 1e3
 
@@ -92,10 +93,10 @@ def infer(
         point = posterior.at(start.theta, begin)
     posterior = replace(posterior, weigh=point.variance)
     damped, n_step = Damping(np.full(len(start.theta), FIRST_DAMPING)), 0
-    for round_ in range(N_ROUND):
+    for _ in range(N_ROUND):
         point, damped, length, made = _descend(posterior, posterior.at(point.theta, point.free), damped)
-        posterior, n_step = posterior.learnt(point), n_step + made
-        if length < SETTLED and round_:
+        before, posterior, n_step = posterior.scatter, posterior.learnt(point), n_step + made
+        if length < SETTLED and posterior.scatter > STILL * before:
             break
     left = [name for name in TIMES if name not in (*names, CONSIDERED) and getattr(told, name) == 0]
     posterior = replace(posterior, stirred=(*names, *left, CONSIDERED))
@@ -173,6 +174,7 @@ def _descend(posterior: Posterior, point: Point, damping: Damping) -> tuple[Poin
             new = posterior.kept(point, new, worse)
         refused = posterior.risen(point, new) > RISEN
         damping = damping.after(worse, refused)
+        step = new.free - point.free  # what must not be negative may have ended at 0
         length = np.sqrt(step @ complement @ step / max(len(step), 1))
         if not refused:
             point = new
