@@ -78,20 +78,22 @@ class Case:
         return float(angular_error_deg(to_normal(theta), self.truth).mean())
 
 
-def dark_events(signal, schedule, n_round, tau_us, dark, threshold, step_us=4.0):
-    """Step pixels with a dark current, tau / (I + dark) dv/dt = log I - v, without noise and refractory period."""
+def dark_events(signal, schedule, n_round, tau_us, dark, threshold, step_us=4.0, noise=0.02):
+    """Step pixels with a dark current, tau / (I + dark) dv/dt = log I - v, without refractory period; thresholds scatter."""
     n_slot, shape = len(schedule.order), signal.shape[1:]
     light = signal[schedule.order].reshape(n_slot, -1) + C_W
     v = np.log(light[0])
-    reference, found = v.copy(), []
+    rng = np.random.default_rng(0)
+    reference, limit, found = v.copy(), threshold * (1 + noise * rng.normal(size=v.shape)), []
     for k in range(round(n_round * n_slot * schedule.slot_us / step_us)):
         slot, fade = divmod((k + 0.5) * step_us / schedule.slot_us, 1)
         now = (1 - fade) * light[int(slot) % n_slot] + fade * light[int(slot + 1) % n_slot]
         before, v = v, np.log(now) + (v - np.log(now)) * np.exp(-step_us * (now + dark) / tau_us)
         away = v - reference
-        for pixel in np.flatnonzero(np.abs(away) >= threshold):
+        for pixel in np.flatnonzero(np.abs(away) >= limit):
             sign = np.sign(away[pixel])
-            reference[pixel] += sign * threshold
+            reference[pixel] += sign * limit[pixel]
+            limit[pixel] = threshold * (1 + noise * rng.normal())
             part = (reference[pixel] - before[pixel]) / (v[pixel] - before[pixel])
             found.append((k * step_us + part * step_us, pixel, sign > 0))
     t, pixel, on = np.array(sorted(found)).T
