@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
+from evsdr.frozen import no_garbage_collection
 from evsdr.model.arrays import columns
 from evsdr.solve.grid import lonely_grid
 from evsdr.solve.loss import residuals
@@ -39,11 +40,15 @@ class Activity:
     clumped: float
 
 
+@no_garbage_collection()
 def relative_residuals(problem: Problem, solution: Solution) -> np.ndarray:
     """Give u (n_pair,) of all pairs in the order of `every_pair`, by the maps and thresholds of a solution."""
     theta = columns(type(problem.pairs.phases), solution.all_theta)
     gains = [dr.exp(t) for t in theta[2 + problem.illumination.n_band :]] or None
-    return residuals(problem.model, problem.pairs, problem.illumination.constant_light, theta, gains).numpy()
+    with no_garbage_collection():
+        return residuals(
+            problem.model, problem.pairs, problem.illumination.constant_light, theta, gains
+        ).numpy()
 
 
 def activity_of(problem: Problem, solution: Solution) -> Activity:
