@@ -1,0 +1,24 @@
+"""What speaks for a hypothesis, and whether it leaves no doubt."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from evsdr.effects.evidence import Score, consistently_wrong
+
+
+def test_thresholds_that_scatter_are_not_wrong(rng):
+    scatter = np.exp(0.2 * rng.standard_normal((200, 2)))
+    assert not consistently_wrong(scatter)
+    assert consistently_wrong(2 * scatter) and consistently_wrong([1.0, 0.5] * scatter)
+    assert not consistently_wrong(1.3 * scatter)
+    assert not consistently_wrong(1.6 * scatter**2)
+
+
+def test_what_a_pixel_tells_is_the_gain_of_all_its_events():
+    """Gains of the events below a slip count for nothing; normals add theirs."""
+    trial = SimpleNamespace(residual=np.zeros(60), place=np.zeros(3))
+    assert Score(trial, events=0.019).total == 0
+    assert Score(trial, events=0.12, shape=1.0, curl=-0.5).total == pytest.approx(20 * 0.1 + 0.5)
+    assert Score(trial, events=-0.12).total == pytest.approx(-2.0)
