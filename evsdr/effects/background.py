@@ -7,9 +7,8 @@ from evsdr.effects.world import Fitted, World
 from evsdr.solve.background import activity_of
 
 FEW = 0.02  # of the events that may come by chance before any is left out; guessed
-CLUMPED = (
-    2.0  # as `Activity`: from there on it is no chance, and from halfway to the number of rounds; guessed
-)
+# As `Activity`; from there on, or from halfway to the number of rounds, it is no chance; guessed.
+CLUMPED = 2.0
 
 
 class BackgroundActivity:

@@ -45,10 +45,8 @@ def relative_residuals(problem: Problem, solution: Solution) -> np.ndarray:
     """Give u (n_pair,) of all pairs in the order of `every_pair`, by the maps and thresholds of a solution."""
     theta = columns(type(problem.pairs.phases), solution.all_theta)
     gains = [dr.exp(t) for t in theta[2 + problem.illumination.n_band :]] or None
-    with no_garbage_collection():
-        return residuals(
-            problem.model, problem.pairs, problem.illumination.constant_light, theta, gains
-        ).numpy()
+    constant = problem.illumination.constant_light
+    return residuals(problem.model, problem.pairs, constant, theta, gains).numpy()
 
 
 def activity_of(problem: Problem, solution: Solution) -> Activity:

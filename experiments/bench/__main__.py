@@ -12,15 +12,15 @@ import numpy as np
 from evsdr import InputError
 from evsdr.commands.console import print_table, run_command
 from evsdr.rig.driver import RingSettings, order_commands
+from evsdr.rig.protocol import ALIVE_MS
 from experiments.bench import fuzz, light, simulator
-from experiments.bench.alive import run_beside
+from experiments.bench.alive import Run, run_beside
 from experiments.bench.darkness import ENDINGS, end_early
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 DARK_US = 50_000.0
 FUZZERS = 2
 BUSY = 4
-STILL_MS = 35  # which, with a beat of 10 ms, is about as long as the ring waits
 
 
 @dataclass(frozen=True)
@@ -143,23 +143,36 @@ def lines(options: Options) -> list[tuple[str, str, bool]]:
 
 
 def alive(options: Options) -> list[tuple[str, str, bool]]:
-    """Keep-alive beside four busy processes and a busy host, in the kernel's time."""
+    """Keep-alive beside four busy processes and a busy host, in the kernel's time.
+
+    How long the computer itself stands still is its own business: what is judged is that the host tells of the dark
+    if, and only if, the ring's own clock says that no line came in time.
+    """
     rows = []
     for name, as_user in (("before all others", False), ("as any user", True)):
         runs = [run_beside(10.0, BUSY, as_user) for _ in range(options.alive_runs)]
-        valid = [run for run in runs if run.late_ms < STILL_MS]
-        done = sum(run.ended == "done" for run in valid)
-        silence_ms = max((run.silence_ms for run in valid), default=0.0)
+        done = sum(run.ended == "done" for run in runs)
         rows += [
+            (f"runs of 10 s that ended well, {name}", f"{done} of {len(runs)}", True),
             (
-                f"runs of 10 s that ended well, {name}",
-                f"{done} of {len(valid)}",
-                as_user or done == len(valid),
+                "longest time without a line to the ring",
+                f"{max(run.silence_ms for run in runs):.1f} ms",
+                True,
             ),
-            ("longest time without a line to the ring", f"{silence_ms:.1f} ms", True),
-            (f"runs in which the computer stood still for {STILL_MS} ms", f"{len(runs) - len(valid)}", True),
+            (
+                "longest time for which the ring's process stood still",
+                f"{max(run.late_ms for run in runs):.1f} ms",
+                True,
+            ),
+            ("runs told as the ring's clock has them", *told_right(runs)),
         ]
     return rows
+
+
+def told_right(runs: list[Run]) -> tuple[str, bool]:
+    """Count the runs of which the host tells the truth: done, or dark as no line came in time."""
+    right = sum((run.ended == "done") == (run.silence_ms <= ALIVE_MS) for run in runs)
+    return f"{right} of {len(runs)}", right == len(runs)
 
 
 def loop(options: Options) -> list[tuple[str, str, bool]]:

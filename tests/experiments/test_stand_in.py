@@ -2,6 +2,8 @@
 
 import pytest
 
+from experiments.bench.__main__ import told_right
+from experiments.bench.alive import Run
 from experiments.bench.stand_in import StandIn
 
 DARK = "OK run=0 rounds=0 light=0 cause=alive"
@@ -30,3 +32,12 @@ def test_rounds_end_in_time():
         ring.answer(f"1 {command}", 10.0)
     assert ring.answer("2 STATUS", 10.0249) == "2 OK run=1 rounds=2 light=0 cause=none"
     assert ring.answer("2 STATUS", 10.031) == "2 OK run=0 rounds=3 light=0 cause=done"
+
+
+@pytest.mark.parametrize(
+    ("ended", "silence_ms", "right"),
+    [("done", 48.0, True), ("watchdog", 52.0, True), ("done", 52.0, False), ("watchdog", 12.0, False)],
+)
+def test_the_host_tells_what_the_ring_did(ended, silence_ms, right):
+    good = Run("done", 11.0, 10.5, 0.4)
+    assert told_right([good, Run(ended, silence_ms, 10.0, 40.0)]) == (f"{1 + right} of 2", right)
