@@ -14,9 +14,10 @@ from evsdr.solve.shared.pixels import choose, collect
 from evsdr.solve.shared.posterior import Start
 from evsdr.solve.shared.rig import Rig, Told
 from evsdr.solve.unknowns import to_normal
-from tests.support.sphere import C_W, solve, sphere_recording
+from tests.support.sphere import ALONE, C_W, solve, sphere_recording
 
 N_LED = 24
+POINTS = replace(ALONE, tuning=replace(ALONE.tuning, curved=False))  # pixels see points of the surface
 MOST = ("powers", "tau", "noise", "shift", "refractory", "thresholds")
 
 
@@ -53,7 +54,7 @@ class Case:
     def __init__(self, recording, light, normal, mask, thresholds=False):
         self.recording = recording
         self.problem = make_problem(recording, pair_events(recording, mask), light, mask)
-        self.solution = solve(self.problem, thresholds=thresholds)
+        self.solution = solve(self.problem, POINTS, thresholds=thresholds)
         self.row = choose(self.problem, self.solution, 200)
         self.pixels = collect(recording, self.problem, self.solution, self.row)
         self.truth, self.told = normal[mask][self.row], told_rig(recording)

@@ -162,6 +162,7 @@ def stirred_values(rig: Rig, stirred: tuple[str, ...], shortest: float = SHORTES
     values = np.tile([getattr(rig, name) for name in TIMES], (1 + len(STEPS), 1))
     values[:, 0] = max(rig.tau, shortest)
     for row, (name, step) in enumerate(STEPS.items(), 1):
+        step *= min(values[0, 0] / 5e-3, 1.0) if name == "tau" else 1.0
         values[row, TIMES.index(name)] += step if name in stirred else 0.0
     return values
 

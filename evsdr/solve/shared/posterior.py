@@ -195,7 +195,25 @@ class Posterior:
         slope = point.gradient[heard, n:].sum(axis=0) @ vectors + (point.free - self.centre) / self.sigma**2
         slope += _stacked(cross[heard]).T @ rest[heard].ravel()
         stiff = complement + stiffness * np.diag(np.diag(complement))
-        return -np.linalg.solve(stiff, slope), response, rest, complement
+        step = self.within(point.free, -np.linalg.solve(stiff, slope), stiff)
+        return step, response, rest, complement
+
+    def within(self, free: np.ndarray, step: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+        """End a step where values have their bounds, and go with the others where that is best (active set)."""
+        best, held = step, np.zeros(len(step), bool)
+        while True:
+            passed = self.bounded(free + step) != free + step
+            if not (passed & ~held).any():
+                return step
+            held |= passed
+            away = np.where(held, self.bounded(free + best) - free - best, 0.0)
+            step = best + away
+            step[~held] -= np.linalg.solve(curvature[~held][:, ~held], curvature[~held] @ away)
+
+    def bounded(self, free: np.ndarray) -> np.ndarray:
+        """Keep what is shared to what can be: no negative times, no refractory period longer than any gap."""
+        free = np.where(np.isin(self.basis.owner, NOT_NEGATIVE), np.maximum(free, 0), free)
+        return np.where(self.basis.owner == "refractory", np.minimum(free, self.pixels.shortest), free)
 
     def wanted(self, point: Point, told: Told, name: str) -> float:
         """Give how many standard deviations above 0 the events want what was not free (Rao 1948, score test)."""
@@ -224,10 +242,7 @@ class Posterior:
         theta = point.theta + np.clip(rest + response @ step, -longest, longest)
         theta[:, :2] = np.clip(theta[:, :2], -LARGEST_SLOPE, LARGEST_SLOPE)
         theta[:, 2:] = np.clip(theta[:, 2:], *LOG_REFLECTANCE_RANGE)
-        free = point.free + step
-        free = np.where(np.isin(self.basis.owner, NOT_NEGATIVE), np.maximum(free, 0), free)
-        free = np.where(self.basis.owner == "refractory", np.minimum(free, self.pixels.shortest), free)
-        return self.at(theta, free)
+        return self.at(theta, self.bounded(point.free + step))
 
     def kept(self, old: Point, new: Point, worse: np.ndarray) -> Point:
         """Leave the maps of some pixels, (n_pixel,) bool, as they were; what is shared moves anyway."""
