@@ -10,7 +10,7 @@ import numpy as np
 
 from evsdr.errors import InputError
 from evsdr.events.pixel import SMALLEST_THRESHOLD, EventPixel
-from evsdr.events.pixel_kernel import NOISE_STEP, Model, run_pixels
+from evsdr.events.pixel_kernel import NOISE_STEP, Model, gather, run_pixels
 from evsdr.records import Events, Schedule
 
 SPREAD_CORRELATION = -0.21  # between the fixed patterns of C_on and C_off, measured on 921,600 pixels
@@ -115,13 +115,23 @@ def simulate_events(
     found = find_crossings(signal, constant_light, schedule, n_round, pixel, fixed, led_rise_us, progress)
     t = np.rint(found.t_us + schedule.start_us).astype(np.int64)
     since_start = t - int(np.floor(schedule.start_us))
-    order = np.argsort(since_start * (height * width) + found.pixel, kind="stable")
+    order = _order_of(since_start * (height * width) + found.pixel)
     y, x = np.divmod(found.pixel[order], width)
     p = (found.polarity[order] > 0).astype(np.int8)
     events = Events(x.astype(np.uint16), y.astype(np.uint16), p, t[order])
     round_us = schedule.slot_us * len(schedule.order)
     round_start = np.rint(np.arange(n_round + 1) * round_us + schedule.start_us).astype(np.int64)
     return events, fixed.threshold_on, fixed.threshold_off, round_start
+
+
+def _order_of(key: np.ndarray) -> np.ndarray:
+    """Give the stable order of numbers of 0 or more; plain numbers are sorted several times as fast as by `argsort`."""
+    bits = len(key).bit_length()
+    if not len(key) or int(key.max()).bit_length() + bits > 63:
+        return np.argsort(key, kind="stable")
+    packed = (key << bits) | np.arange(len(key))
+    packed.sort()
+    return packed & ((1 << bits) - 1)
 
 
 def _check(signal, constant_light, schedule, n_round, seed, led_rise_us) -> None:
@@ -192,21 +202,22 @@ def find_crossings(
     lit = np.append(schedule.order, schedule.order[0])
     signal = signal.reshape(len(signal), n_pixel)
     maps = [np.ravel(m) for m in (fixed.threshold_on, fixed.threshold_off, fixed.leak, fixed.state)]
-    parts = []
+    parts, t_us, polarity = [], np.empty((0, 0)), np.empty((0, 0), np.int8)
     for begin in range(0, n_pixel, BLOCK):
         todo, room = np.arange(begin, min(begin + BLOCK, n_pixel)), ROOM
         while len(todo):
             light = signal[lit, todo[:, None]].astype(np.float64)
             light[:, lit < 0] = 0
             light = np.maximum(light + constant_light, darkness)
-            t_us = np.empty((len(todo), room))
-            polarity = np.empty((len(todo), room), np.int8)
-            count = np.empty(len(todo), np.int64)
+            if t_us.shape[0] < len(todo) or t_us.shape[1] < room:
+                t_us, polarity = np.empty((len(todo), room)), np.empty((len(todo), room), np.int8)
+            count, room = np.empty(len(todo), np.int64), t_us.shape[1]
             run_pixels(light, *(m[todo] for m in maps), model, t_us, polarity, count)
-            count[count > room] *= -1
-            used = np.arange(room) < count[:, None]
-            parts.append((np.repeat(todo, np.maximum(count, 0)), polarity[used], t_us[used]))
-            todo, room = todo[count < 0], -count.min()
+            n = int(count[count <= room].sum())
+            part = np.empty(n, np.int64), np.empty(n, np.int8), np.empty(n)
+            gather(todo, count, t_us, polarity, *part)
+            parts.append(part)
+            todo, room = todo[count > room], int(count.max())
         if progress:
             progress(min(begin + BLOCK, n_pixel), n_pixel)
     return Crossings(*(np.concatenate(part) for part in zip(*parts)))

@@ -58,11 +58,11 @@ def test_what_is_known_before_holds_back():
 
     part = watched()
     free, held = (
-        fit_events([part], off_truth, np.zeros(3), np.array([s, np.inf, np.inf])) for s in (np.inf, 1e-5)
+        fit_events([part], off_truth, np.zeros(3), np.array([s, np.inf, np.inf])) for s in (np.inf, 1e-6)
     )
     sigma = np.sqrt(free.covariance[0, 0]), np.sqrt(held.covariance[0, 0])
-    assert sigma[1] < 2e-5 < sigma[0]
-    assert abs(held.x[0]) < 3e-5 < abs(free.x[0])
+    assert sigma[1] < 2e-6 < sigma[0]
+    assert abs(held.x[0]) < 3e-6 < abs(free.x[0])
 
 
 def test_two_recordings_tell_more_than_one():

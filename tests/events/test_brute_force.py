@@ -26,10 +26,15 @@ def signals(n_pixel):
     [
         (replace(EVEN, cutoff_hz=0.0), 0.0),
         (EVEN, 0.0),
-        (replace(QUIET, leak_hz=20.0), 0.0),
-        (replace(EVEN, cutoff_hz=30_000.0, refractory_us=700.5, contrast_threshold_off=0.15), 0.0),
+        (replace(QUIET, leak_hz=200.0), 0.0),
+        (replace(EVEN, cutoff_hz=500.0, contrast_threshold_on=0.1, refractory_us=0.0), 0.0),
+        (
+            replace(EVEN, cutoff_hz=30_000.0, refractory_us=700.5, contrast_threshold_off=0.15, leak_hz=50.0),
+            0.0,
+        ),
+        (replace(EVEN, leak_hz=20.0), 300.0),
     ],
-    ids=["ideal", "lag", "leak and mismatch", "fast and long refractory period"],
+    ids=["ideal", "lag", "leak and mismatch", "slow and low", "fast and long refractory period", "slow LEDs"],
 )
 def test_the_same_events(pixel, rise_us, crossfade):
     """Number, polarity and order of all events are the same; times are to a microsecond, or where light hardly changes
