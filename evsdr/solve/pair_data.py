@@ -9,6 +9,7 @@ import numpy as np
 from evsdr.model.arrays import owned
 
 OF_PIXEL = "first", "last", "threshold_on", "threshold_off", "silent_first", "silent_last"
+AT_ONCE = 32  # LEDs in a kernel that fills a table: of more, one kernel takes minutes to compile
 LISTS, SILENT_LISTS = ("phases", "bias", "weight"), ("silent_phases", "silent_probes", "silent_bias")
 
 
@@ -251,9 +252,13 @@ class Table:
         vector = Float if size == 1 else array_type(Float, size)
         place = dr.arange(dr.uint32_array_t(Float), n_pixel) * n
         values = Float(room_for(Float, n_pixel, len(rows), size) if room is None else room)
-        for j, row in enumerate(rows):
-            entry = vector(*(dr.zeros(Float, n_pixel) + value for value in row))
-            dr.scatter(values, entry, place + j, mode=dr.ReduceMode.NoConflicts)
+        for begin in range(0, len(rows), AT_ONCE):
+            for j, row in enumerate(rows[begin : begin + AT_ONCE]):
+                entry = vector(*(dr.zeros(Float, n_pixel) + value for value in row))
+                dr.scatter(values, entry, place + j, mode=dr.ReduceMode.NoConflicts)
+            if len(rows) > AT_ONCE:
+                place += AT_ONCE
+                dr.eval(values, place)
         return cls(values, len(rows), size)
 
     def at(self, pixel, led, active):

@@ -140,7 +140,17 @@ def test_noise_counts_where_light_is_too_slow_for_a_lag(tau, noise, turn_deg, la
     """Values in standard deviations; noise of thresholds passes for a little of it."""
     rig, sigma = SimpleNamespace(tau=tau, noise=0.01 * noise), SimpleNamespace(tau=1, noise=0.01)
     found = SimpleNamespace(rig=rig, sigma=sigma, turn_deg={"lag": turn_deg})
-    assert shared._lags(found, SimpleNamespace(terms=Terms())) == lags
+    pixels = SimpleNamespace(dimness=0.5, slot_us=1.0)
+    assert shared._lags(found, SimpleNamespace(terms=Terms()), pixels) == lags
+
+
+@pytest.mark.parametrize("tau_us, dimness, lags", [(0.3, 1.0, False), (3.0, 1.0, True), (0.3, 0.01, True)])
+def test_no_photoreceptor_is_as_quick_as_that(tau_us, dimness, lags):
+    """Scatter of thresholds that is not normal passes for noise of one; in dim light the same number is a slower one."""
+    rig, sigma = SimpleNamespace(tau=1e-4 * tau_us, noise=0.5), SimpleNamespace(tau=1e-6, noise=0.01)
+    found = SimpleNamespace(rig=rig, sigma=sigma, turn_deg={"lag": 1.0})
+    pixels = SimpleNamespace(dimness=dimness, slot_us=1e4)
+    assert shared._lags(found, SimpleNamespace(terms=Terms()), pixels) == lags
 
 
 def test_few_pixels_tell_nothing():

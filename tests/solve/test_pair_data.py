@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from evsdr.solve.pair_data import (
     PairData,
+    Table,
     bounds,
     ends,
     pack_phases,
@@ -209,3 +210,16 @@ def test_events_lit_by_doubtful_leds_are_left_out():
             expected[pixel].append(k)
     assert left(after.silent_first, after.silent_last, after.silent_bias) == expected
     assert unlit_by(before, np.zeros_like(doubt)) is before
+
+
+@pytest.mark.parametrize("n_led", [5, 32, 70])
+def test_a_table_of_many_leds_is_filled_in_parts(n_led, rng):
+    """What each LED gives stands where it is looked up, darkness last, however many kernels filled the table."""
+    values = rng.normal(size=(n_led, 2, 3)).astype(np.float32)
+    rows = [[mi.Float(v) for v in of_led] for of_led in values]
+    table = Table.of(rows, 3)
+    for pixel in range(3):
+        for led in range(n_led + 1):
+            found = table.at(mi.UInt32(pixel), mi.UInt32(led), True)
+            expected = values[led, :, pixel] if led < n_led else (0, 0)
+            np.testing.assert_array_equal([found.x[0], found.y[0]], expected)

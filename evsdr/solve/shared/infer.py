@@ -168,6 +168,7 @@ def _descend(posterior: Posterior, point: Point, damping: Damping) -> tuple[Poin
     """
     for made in range(1, N_STEP + 1):
         step, response, rest, complement = posterior.solve(point, damping.pixel, damping.shared)
+        step = posterior.within(point.free, step, complement, damping.shared)
         new = posterior.moved(point, step, response, rest)
         worse = new.cost - point.cost > SLACK
         if worse.any():

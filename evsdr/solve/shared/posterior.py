@@ -7,6 +7,7 @@ the step of what is shared, and with it one of each pixel.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from evsdr.solve.law import MEDIAN_OF_SQUARE, gaussian_share, variance_of
 from evsdr.solve.noise import NOISE_RANGE
@@ -194,21 +195,19 @@ class Posterior:
         complement += _stacked(cross[heard]).T @ _stacked(response[heard])
         slope = point.gradient[heard, n:].sum(axis=0) @ vectors + (point.free - self.centre) / self.sigma**2
         slope += _stacked(cross[heard]).T @ rest[heard].ravel()
-        stiff = complement + stiffness * np.diag(np.diag(complement))
-        step = self.within(point.free, -np.linalg.solve(stiff, slope), stiff)
-        return step, response, rest, complement
+        return -np.linalg.solve(stiffened(complement, stiffness), slope), response, rest, complement
 
-    def within(self, free: np.ndarray, step: np.ndarray, curvature: np.ndarray) -> np.ndarray:
-        """End a step where values have their bounds, and go with the others where that is best (active set)."""
-        best, held = step, np.zeros(len(step), bool)
-        while True:
-            passed = self.bounded(free + step) != free + step
-            if not (passed & ~held).any():
-                return step
-            held |= passed
-            away = np.where(held, self.bounded(free + best) - free - best, 0.0)
-            step = best + away
-            step[~held] -= np.linalg.solve(curvature[~held][:, ~held], curvature[~held] @ away)
+    def within(
+        self, free: np.ndarray, step: np.ndarray, complement: np.ndarray, stiffness: float = 0.0
+    ) -> np.ndarray:
+        """End a step where values have their bounds, and let the others go with them: the best of all such steps."""
+        if (self.bounded(free + step) == free + step).all():
+            return step
+        curvature = stiffened(complement, stiffness)
+        least, most = (self.bounded(np.full(len(free), end)) - free for end in (-np.inf, np.inf))
+        unit = np.sqrt(np.diag(curvature))
+        root = np.linalg.cholesky(curvature / np.outer(unit, unit)).T
+        return lsq_linear(root, root @ (unit * step), (unit * least, unit * most), method="bvls").x / unit
 
     def bounded(self, free: np.ndarray) -> np.ndarray:
         """Keep what is shared to what can be: no negative times, no refractory period longer than any gap."""
@@ -292,6 +291,11 @@ class Posterior:
                 square = np.sum((point.free - self.centre)[of] ** 2) + self.told_sigma[of][0] ** 2
                 sigma[of] = np.sqrt(square / (known + 1))
         return sigma
+
+
+def stiffened(complement: np.ndarray, stiffness: float) -> np.ndarray:
+    """Damp the step of what is shared (Marquardt 1963)."""
+    return complement + stiffness * np.diag(np.diag(complement))
 
 
 def agreeing(residual: np.ndarray, variance: np.ndarray, offset: np.ndarray, scatter: float) -> np.ndarray:

@@ -72,9 +72,13 @@ def test_a_prior_holds_what_is_told_well(wrong):
     assert np.abs(held.log_power).max() < 0.2 * np.abs(free.log_power).max()
 
 
-def test_an_untouched_recording_leaves_everything_as_told():
-    """Within what the limits of the lag's model leave: 2.5 us of ten thousand."""
-    case = Case.sphere(**QUIET)
+@pytest.mark.parametrize("seed", [0, 2])
+def test_an_untouched_recording_leaves_everything_as_told(seed):
+    """Within what the limits of the lag's model leave: 2.5 us of ten thousand.
+
+    From the second, a search whose steps go on as if noise could be negative ends with a refractory period of 62 us.
+    """
+    case = Case.sphere(seed=seed, **QUIET)
     found, slot_us = case.infer(), case.recording.schedule.slot_us
     assert np.abs(found.rig.log_power / found.sigma.log_power).max() < 4
     assert np.abs(found.rig.log_power).max() < 0.005

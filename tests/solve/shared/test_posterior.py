@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from evsdr.solve.shared.infer import _posterior
 from evsdr.solve.shared.pixels import vector_of
 from evsdr.solve.shared.posterior import SLACK, Start
-from evsdr.solve.shared.rig import Told, across
+from evsdr.solve.shared.rig import NOT_NEGATIVE, Told, across
 from evsdr.solve.unknowns import to_normal, weak_prior
 from tests.support.shared_unknowns import N_LED, Case
 
@@ -139,3 +140,28 @@ def test_slopes_of_kinds_of_events_add_up(posterior, point):
     np.testing.assert_allclose(again.gradient, point.gradient, atol=1e-9 * np.abs(point.gradient).max())
     np.testing.assert_array_equal(again.matrix, point.matrix)
     assert slope.shape[:2] == (len(point.theta), 3) and np.abs(slope).max(axis=(0, 2)).min() > 0
+
+
+def test_a_step_ends_at_bounds_and_the_others_go_with_it(case, rng):
+    """As the best of all steps that end within them, by another solver."""
+    told = replace(case.told, tau=0.001, noise=0.0)
+    theta = case.solution.theta[case.row].astype(float)
+    start = Start(theta, told, np.ones(2), case.solution.noise)
+    posterior = _posterior(case.pixels, start, told, Told(), ("tau", "noise", "shift", "thresholds"))
+    free = posterior.basis.vectors.T @ told.vector
+    n, least = len(free), np.where(np.isin(posterior.basis.owner, NOT_NEGATIVE), -free, -np.inf)
+    ended = 0
+    for _ in range(20):
+        half, best = rng.normal(size=(n, n)), rng.normal(size=n)
+
+        def cost(step):
+            return 0.5 * np.sum((half @ (step - best)) ** 2), half.T @ half @ (step - best)
+
+        ends = posterior.within(free, best, half.T @ half)
+        bounds = list(zip(least, np.full(n, np.inf)))
+        found = minimize(
+            cost, np.maximum(best, least), jac=True, bounds=bounds, options={"ftol": 0, "gtol": 1e-9}
+        )
+        ended += np.any(best < least)
+        assert (ends >= least).all() and cost(ends)[0] <= cost(found.x)[0] + 1e-9
+    assert 5 < ended < 20
