@@ -111,17 +111,27 @@ class Slotted:
 
     @cached_property
     def number(self) -> np.ndarray:
-        """Count the pairs of each group (n_pixel, n_group)."""
+        """Count the pairs of each group (n_pixel, n_own)."""
         return self._of_groups()
 
     @cached_property
     def total(self) -> np.ndarray:
-        """Sum the scores of each group (n_pixel, n_group)."""
+        """Sum the scores of each group (n_pixel, n_own)."""
         return self._of_groups(self.score)
 
+    @cached_property
+    def own(self) -> np.ndarray:
+        """Number the group (n,) of each pair from its pixel's first.
+
+        Readings that are tried side by side have their slots behind each other's; no pixel has all of them.
+        """
+        first = np.full(self.shape[0], self.shape[1])
+        np.minimum.at(first, self.pixel, self.group)
+        return self.group - first[self.pixel]
+
     def _of_groups(self, weight: np.ndarray | None = None) -> np.ndarray:
-        place = self.shape[1] * self.pixel + self.group
-        return np.bincount(place, weight, self.shape[0] * self.shape[1]).reshape(self.shape)
+        n_pixel, n_own = self.shape[0], int(self.own.max(initial=-1)) + 1
+        return np.bincount(n_own * self.pixel + self.own, weight, n_pixel * n_own).reshape(n_pixel, n_own)
 
     @property
     def n_group(self) -> np.ndarray:
@@ -134,8 +144,8 @@ class Slotted:
 
         Its mean is 0 for noise of single events, and else the variance of what the model leaves out.
         """
-        others = self.number[self.pixel, self.group] - 1
-        mean = (self.total[self.pixel, self.group] - self.score) / np.maximum(others, 1)
+        others = self.number[self.pixel, self.own] - 1
+        mean = (self.total[self.pixel, self.own] - self.score) / np.maximum(others, 1)
         return np.where(others > 0, self.score * mean, np.nan)
 
 
