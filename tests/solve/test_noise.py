@@ -1,5 +1,7 @@
 """How residuals scatter."""
 
+from dataclasses import replace
+
 import drjit as dr
 import numpy as np
 import pytest
@@ -59,6 +61,17 @@ def test_an_event_that_is_alone_in_its_slot_shares_nothing():
     )
     np.testing.assert_allclose(pairs.shared, [2, 2, np.nan])
     assert pairs.n_group.tolist() == [2, 0]
+
+
+def test_slots_of_other_pixels_take_no_room(rng):
+    """Pixels of readings that are tried side by side have their slots behind each other's."""
+    off = 0.1 * rng.normal(size=(30, 20))
+    pairs = slots(rng, off)
+    n_pixel, n_slot = pairs.shape
+    apart = replace(pairs, group=pairs.group + n_slot * pairs.pixel, shape=(n_pixel, n_slot * n_pixel))
+    assert apart.number.shape == pairs.number.shape
+    np.testing.assert_array_equal(apart.shared, pairs.shared)
+    np.testing.assert_array_equal(slot_factors(apart), slot_factors(pairs))
 
 
 def test_pairs_are_looked_at_with_their_slots_and_light():
