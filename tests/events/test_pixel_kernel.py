@@ -1,53 +1,12 @@
-"""Parts of the event pixel's loop: its random numbers, its answer to light, its search for crossings."""
+"""Parts of the event pixel's loop; test_brute_force.py has all of it."""
 
 import numpy as np
 import pytest
 
-from evsdr.events.draws import _draw_uniform, draw_normal
 from evsdr.events.pixel import SMALLEST_THRESHOLD
-from evsdr.events.pixel_kernel import Model, _draw_thresholds
-from evsdr.events.segment import (
-    N_TERM,
-    _growth_then,
-    late_after,
-    look,
-    new_segment,
-    next_crossing,
-    own_time,
-    x_at,
-)
+from evsdr.events.pixel_kernel import _draw_thresholds
 from evsdr.events.simulator import _order_of
-
-
-def draws(draw, n, *given):
-    """Draw n times from one stream."""
-    state, out = np.uint64(1), []
-    for _ in range(n):
-        state, *values = draw(state, *given)
-        state = np.uint64(state)
-        out.append(values)
-    return np.array(out)
-
-
-def test_splitmix64():
-    """The first numbers of the published generator for seed 0 (Steele et al. 2014; Vigna's splitmix64.c)."""
-    state = np.uint64(0)
-    for expected in (0xE220A8397B1DCDAF, 0x6E789E6AA1B965F4, 0x06C45D188009454F):
-        state, u = _draw_uniform(state)
-        state = np.uint64(state)
-        assert u == ((expected >> 11) + 0.5) * 2.0**-53
-
-
-def test_normal_deviates():
-    z = draws(draw_normal, 200_000).ravel()
-    assert z.mean() == pytest.approx(0, abs=0.008) and z.std() == pytest.approx(1, abs=0.006)
-    for level, share in ((0.5, 0.38292), (1, 0.68269), (2, 0.95450), (3, 0.99730)):
-        assert np.mean(np.abs(z) < level) == pytest.approx(
-            share, abs=4 * np.sqrt(share * (1 - share) / len(z))
-        )
-    assert np.mean(np.abs(z) > 3.6541528853610088) == pytest.approx(2.58e-4, rel=0.5)  # the tail's own layer
-    assert np.mean(z**4) == pytest.approx(3, abs=0.08)
-    assert abs(np.corrcoef(z[1:], z[:-1])[0, 1]) < 0.01
+from tests.support.streams import draws
 
 
 def test_thresholds_in_force():
@@ -58,79 +17,6 @@ def test_thresholds_in_force():
     assert abs(np.corrcoef(on, off)[0, 1]) < 0.03
     assert draws(_draw_thresholds, 500, 0.025, 0.4, 0.5).min() == SMALLEST_THRESHOLD
     np.testing.assert_array_equal(draws(_draw_thresholds, 3, 0.2, 0.4, 0.0), np.tile([0.2, 0.4], (3, 1)))
-
-
-def segment_of(length, slope, transient=0.0, late=0.1, rise_us=0.0, cutoff=0.02, now=0.5):
-    """Give a segment, its polynomial, and v and its own time in small steps of x, after each of 1/5 of it."""
-    poly = np.zeros(N_TERM + 1)
-    model = Model(1, 1.0, 1.0, rise_us, 1 / rise_us if rise_us else 0.0, cutoff, 0.0, 0.0, 0.0)
-    segment = new_segment(length, now, slope, transient, np.log(now) - late, late, model, poly)
-    n = 20_000
-    x = (np.arange(n) + 0.5) * length / n
-    light = now - transient + slope * x + (transient * np.exp(-x / rise_us) if rise_us else 0.0)
-    v, out = np.log(now) - late, []
-    for value in light:
-        own = cutoff * value * length / n
-        v = np.log(value) + (v - np.log(value)) * np.exp(-own)
-        out.append(v)
-    return (
-        segment,
-        poly,
-        np.array(out)[n // 5 - 1 :: n // 5],
-        np.cumsum(cutoff * light * length / n)[n // 5 - 1 :: n // 5],
-    )
-
-
-@pytest.mark.parametrize("late", [0.1, -2.0])
-@pytest.mark.parametrize(
-    "length, slope, transient, rise_us",
-    [(300, 3e-4, 0, 0), (300, -3e-4, 0, 0), (10, 9e-3, 0, 0), (400, 0, 0, 0), (20, 1e-3, 0.1, 40), (100, 1e-4, -0.1, 200)],
-)  # fmt: skip
-def test_the_photoreceptor_answers(length, slope, transient, rise_us, late):
-    """dv/ds = log I - v in small steps, short and long against tau; its rate; and x at its own time."""
-    segment, poly, values, own = segment_of(float(length), slope, transient, late, rise_us)
-    assert (own[-1] < 0.5) == (length < 50)
-    for k in range(5):
-        value, rate = look(own[k], segment, poly)
-        assert value == pytest.approx(values[k], abs=5e-7)
-        assert rate == pytest.approx((look(own[k] + 1e-4, segment, poly)[0] - value) / 1e-4, abs=2e-4)
-        x = (k + 1) * length / 5
-        assert x_at(own[k], segment) == pytest.approx(x, rel=1e-6)
-        assert own_time(x, segment) == pytest.approx(own[k], rel=1e-7)
-
-
-@pytest.mark.parametrize("slope", [2e-6, -2e-6, 0.0])
-def test_the_lateness_after_a_long_fade(slope):
-    """The series agrees with segments one after the other; where it would not do, there is no answer."""
-    length, now, late, poly = 50_000.0, 0.5, 0.3, np.zeros(N_TERM + 1)
-    model = Model(1, 1.0, 1.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0)
-    found = late_after(0.02 * length * (now + 0.5 * slope * length), late, slope, now + slope * length, 0.02)
-    for _ in range(25):
-        segment = new_segment(length / 25, now, slope, 0.0, np.log(now) - late, late, model, poly)
-        late, now = look(segment.span, segment, poly)[1], now + slope * length / 25
-    assert found == pytest.approx(late, abs=1e-8)
-    assert (abs(found) > 1e-9) == (slope != 0)
-    assert np.isnan(late_after(10.0, 0.3, 2e-6, 0.5, 0.02)) and np.isnan(
-        late_after(1e3, 0.3, 2e-3, 0.5, 0.02)
-    )
-
-
-@pytest.mark.parametrize("tilt", [0.0, 0.03])
-@pytest.mark.parametrize("leak", [0.0, 1e-3])
-def test_crossings_are_where_they_are(leak, tilt):
-    """v falls after a jump of the light, and turns as this rises: levels on its way, just above and below the turn."""
-    segment, poly, *_ = segment_of(300.0, 4e-4, late=-0.4)
-    s = np.linspace(0, segment.span, 20_001)
-    path = np.array([look(at, segment, poly)[0] + leak * x_at(at, segment) for at in s]) + tilt * s
-    drift = leak / (0.02 * 0.5)
-    for low in (path[0] - 0.1, path.min() + 1e-7, path.min() - 1e-7):
-        found, sign = next_crossing(0.0, segment.span, low, 9.0, 0.0, tilt, leak, drift, segment, poly)
-        beyond = np.flatnonzero(path <= low)
-        assert sign == -(len(beyond) > 0)
-        expected = s[beyond[0]] if len(beyond) else segment.span
-        assert found == pytest.approx(expected, abs=2e-4 * segment.span)
-    assert next_crossing(0.0, segment.span, -9.0, path[0], 0.0, tilt, leak, drift, segment, poly) == (0.0, 1)
-    assert _growth_then(0.0, segment) == pytest.approx(4e-4 / (0.02 * 0.25))
 
 
 def test_order_is_stable(rng):
