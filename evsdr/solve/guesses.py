@@ -27,7 +27,7 @@ PARTIAL = 2.0  # of each LED that is seen in part, if not traced so; guessed: 1 
 # Of each LED that is traced otherwise, on an estimated surface and on a known one; guessed
 MISMATCH, MISTOLD = 1.5, 6.0
 LENGTHS = 1 / 12, 1 / 6, 1 / 3, 1 / 2, 3 / 4  # of arcs, of the ring
-N_BEGIN = 8  # places where arcs begin
+N_BEGIN = 24  # places where arcs begin
 SHARES = 0.2, 0.5, 0.8  # of LEDs at the ends of an arc
 AT_ONCE = 60_000  # guesses that are solved together
 TOLERANCE = 0.1  # gain in log likelihood that is worth a step
@@ -109,6 +109,10 @@ class Judge:
 
     @no_garbage_collection()
     def _fit(self, pixel, share, theta, descents, terms):
+        if len(pixel) == 1:  # it goes twice, as Dr.Jit has kernels of their own for one value
+            twice = np.zeros(2, int)
+            theta, cost = self._fit(pixel[twice], share[:, twice], theta[twice], descents, terms)
+            return theta[:1], cost[:1]
         parts = [slice(k, k + AT_ONCE) for k in range(0, len(pixel), AT_ONCE)]
         fitted = [self._fit_some(pixel[k], share[:, k], theta[k], descents, terms) for k in parts]
         cost = np.concatenate([[], *(c for _, c in fitted)])

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import drjit as dr
 import numpy as np
 import pytest
 
@@ -80,6 +81,24 @@ def test_soft_edges_are_found():
     quarter = (row < 7) & (column >= 7)
     off = np.abs(seen.share - SOFT[:, None]) * is_lit(normal[mask])
     assert off[:, quarter].sum(axis=0).mean() < 1
+
+
+def test_a_guess_that_stands_alone_asks_for_no_kernel_of_its_own(shadowed):
+    problem, solution, *_ = shadowed
+    judge, share = visibility._judge(problem, solution, None, False), everything(problem)
+
+    def ask(*pixel):
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history()
+            told = judge(np.array(pixel), share[:, pixel], solution.all_theta[list(pixel)], ((None, 3),))
+            return *told, {kernel["hash"] for kernel in dr.kernel_history() if "hash" in kernel}
+
+    before = ask(9, 11)[-1]
+    theta, cost, several = ask(7, 9)
+    alone, its_cost, kernels = ask(7)
+    assert kernels and kernels <= several | before
+    np.testing.assert_allclose(alone, theta[:1])
+    np.testing.assert_allclose(its_cost, cost[:1])
 
 
 def test_what_stays_keeps_its_maps(shadowed, seen):
