@@ -5,7 +5,8 @@ all LEDs, a the axis of the ring, that is matt light of another normal and refle
 
     n' = (n + (w / k) a) / s,   R' = R s / (1 + w),   s = |n + (w / k) a|:
 
-the surface looks flatter than it is. What remains to tell is reflectance: on a thing of one material R' falls with the tilt as s does.
+the surface looks flatter than it is, and never steeper than tan = k / w. What remains to tell is reflectance: on a thing of one
+material R' falls with the tilt as s does. The surer half of the pixels is asked, as normals and reflectances that are wrong err together.
 """
 
 from dataclasses import dataclass, replace
@@ -23,9 +24,10 @@ UNEVEN = 0.03  # scatter of l . a from which events tell
 TEXTURED = 0.15  # scatter of log reflectance that many materials have
 FLOOR = 0.003  # of that, of what fits make wrong
 TOGETHER = 25.0  # pixels that err together; guessed
-# Log likelihood, and wrap, from which it is named; measured (experiments.materials): matt spheres and sculptures 0 to 1.8, of a wrap
-# of 0.5 spheres 33, a sculpture 3.0 at 40 pixels and 4.8 at 64; coated spheres up to 0.15
-LEAST_GAIN, LEAST_WRAP = 2.5, 0.2
+BEYOND = 0.02  # share of pixels that may look steeper than they can, by error
+# Log likelihood, and wrap, from which it is named; measured (experiments.materials, experiments.cast_shadow, 48 pixels): matt spheres
+# and sculptures of unknown shape up to 0.3 where the wrap is as large, up to 1.5 where it is less; of a wrap of 0.5 sculptures 2.1 to 3.9
+LEAST_GAIN, LEAST_WRAP = 1.2, 0.2
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,10 @@ def flattening(maps: Maps, axis: np.ndarray, cosine: float) -> tuple[float, floa
     there = maps.mask & maps.mask_reflectance
     if np.count_nonzero(there) < TOGETHER:
         return 0.0, 0.0
+    tilted = maps.normal[there].astype(float) @ axis
+    flattest = max(np.quantile(tilted, BEYOND), 0.0)
+    wraps = WRAPS[WRAPS * np.sqrt(1 - flattest**2) <= cosine * flattest + 1e-6]
+    there &= maps.normal_sigma_deg <= np.median(maps.normal_sigma_deg[there])
     log = np.log(np.maximum(maps.reflectance[there].astype(float), 1e-6))
     log, normal = np.median(log - np.median(log, axis=0), axis=1), maps.normal[there].astype(float)
 
@@ -126,9 +132,9 @@ def flattening(maps: Maps, axis: np.ndarray, cosine: float) -> tuple[float, floa
         own = log + np.log(Translucent(wrap, axis, cosine).real(normal)[1])
         return np.median(np.abs(own - np.median(own)))
 
-    scatters = np.array([scatter(w) for w in WRAPS])
+    scatters = np.array([scatter(w) for w in wraps])
     best = int(np.argmin(scatters))
     if scatters[0] > TEXTURED:
         return 0.0, 0.0
     gain = len(log) / TOGETHER * np.log((scatters[0] + FLOOR) / (scatters[best] + FLOOR))
-    return float(WRAPS[best]), float(gain)
+    return float(wraps[best]), float(gain)

@@ -57,6 +57,26 @@ def test_what_is_matt_or_textured_is_none():
     assert flattening(maps, AXIS, COSINE) == (0.0, 0.0)
 
 
+def test_what_looks_steeper_than_it_could_is_none():
+    """A third of the pixels as steep as no translucent surface looks, their reflectance too low by error."""
+    maps, _ = fit_of(0.0)
+    steep = maps.normal[..., 2] < 0.6
+    assert 0.2 < np.mean(steep[maps.mask]) < 0.5
+    maps.reflectance[:] *= (0.6 + 0.4 * maps.normal[..., 2])[..., None]
+    wrap, _ = flattening(maps, AXIS, COSINE)
+    assert wrap < 0.2
+
+
+def test_pixels_that_are_unsure_are_not_asked():
+    maps, _ = fit_of(0.5)
+    x, y = np.indices(maps.mask.shape)
+    sure = (x + y) % 5 < 3
+    maps.normal_sigma_deg[~sure] = 5.0
+    before = flattening(maps, AXIS, COSINE)
+    maps.reflectance[~sure] = 0.5
+    assert flattening(maps, AXIS, COSINE) == before and before[1] > 10
+
+
 def world_of(**more):
     return SimpleNamespace(
         **({"terms": Terms(), "metal": None, "ring": SimpleNamespace(constant_light=0.1)} | more)
