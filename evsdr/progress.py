@@ -32,10 +32,13 @@ class Plan:
     parts : dict of str to float
         Of the details of stages, by their names, each time that one is told; a small one for others. Without any, details
         tell the share of their stage.
+    even : tuple of str
+        Stages whose details tell the share of their stage all the same.
     """
 
     stages: Mapping[str, float]
     parts: Mapping[str, float] = field(default_factory=dict)
+    even: tuple[str, ...] = ()
 
 
 class Whole:
@@ -59,7 +62,7 @@ class Whole:
             self._done += self._cost(self._detail)  # it may have ended before its steps were used up
             self._detail = detail
         self._last, inner, cost = share, share, self.plan.stages[stage]
-        if detail and self.plan.parts:
+        if detail and self.plan.parts and stage not in self.plan.even:
             inner = _bent((self._done + share * self._cost(detail)) / cost)
         before = sum(self.plan.stages[name] for name in names[: names.index(stage)])
         now = (before + inner * cost) / sum(self.plan.stages.values())

@@ -18,6 +18,7 @@ from evsdr.files.truth import read_truth
 from evsdr.fitting.budget import seconds_so_far
 from evsdr.fitting.entrance import SOLVE, Fit, collected_warnings, fit, load_scene, start
 from evsdr.fitting.settings import PRIORS, SHARED, Settings, check_names
+from evsdr.fitting.tiling import expected
 from evsdr.fitting.timeline import FIT, plan_of
 from evsdr.metrics import score
 from evsdr.progress import Stages
@@ -129,7 +130,8 @@ def recover(options: Options, patience: Patience, began: float) -> Fit:
             recording = read_recording(options.events)
         with stages.stage("load scene"):
             scene = load_scene(options.scene, **parse_definitions(options.define))
-            stages.expect(plan_of(scene.shape_is_known, settings.preset == "fast"))
+            n_tile = expected(recording) if settings.solver == "lm" else 0
+            stages.expect(plan_of(scene.shape_is_known, settings.preset == "fast", n_tile))
             truth = options.truth and read_truth(options.truth, scene.height, scene.width, scene.leds.n_band)
 
         def progress(stage: str, share: float) -> bool:

@@ -35,7 +35,8 @@ from evsdr.fitting.model_error import with_model_error
 from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
 from evsdr.fitting.settling import settle
-from evsdr.fitting.tiles import largest, solve_tiles, telling, tiles_of
+from evsdr.fitting.tiles import largest, solve_tiles, telling
+from evsdr.fitting.tiling import tiles_of
 from evsdr.fitting.verdict import judge
 from evsdr.light.scene import RingScene
 from evsdr.light.tracing import trace_illumination

@@ -14,76 +14,21 @@ import numpy as np
 from evsdr.effects.blocks import some_blocks
 from evsdr.effects.surface import FittedSurface
 from evsdr.effects.world import Fitted, World
-from evsdr.events.chosen import count_events, events_of
+from evsdr.events.chosen import events_of
+from evsdr.fitting.tiling import Tile, counted, solved
 from evsdr.progress import Progress, silent
-from evsdr.records import Events, Maps
+from evsdr.records import Maps
 from evsdr.solve.grid import Grid
 from evsdr.solve.solution import OF_PIXEL, Solution
 
-# Pixels and events that are solved together; measured: 43 kB a pixel of 100 events
-AT_ONCE, EVENTS_AT_ONCE = 80_000, 10_000_000
-MARGIN = (
-    8  # pixels by which a tile goes beyond what it tells: priors tie neighbours, and these theirs; guessed
-)
-ENOUGH, BLOCK = (
-    12_000,
-    32,
-)  # pixels that tell what all share, and the width of the blocks in which they lie; guessed
+ENOUGH, BLOCK = 12_000, 32  # pixels that tell what all share, and the width of their blocks; guessed
 WHOLE_IMAGE = "band_wavelength_nm"  # the only part of maps that has no pixels
-
-
-@dataclass(frozen=True)
-class Tile:
-    """A part of the image.
-
-    Attributes
-    ----------
-    own, solved : (slice, slice)
-        Rows and columns that it tells, and those that are solved.
-    """
-
-    own: tuple[slice, slice]
-    solved: tuple[slice, slice]
-
-
-def tiles_of(mask: np.ndarray, events: Events) -> list[Tile]:
-    """Divide the masked part of an image into tiles that hold few enough pixels and events; none where one would do."""
-    n = int(np.ceil(max(np.count_nonzero(mask) / AT_ONCE, counted(events, mask) / EVENTS_AT_ONCE)))
-    if n <= 1:
-        return []
-    edges = [np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0)]
-    (top, bottom), (left, right) = [(int(edge[0]), int(edge[-1]) + 1) for edge in edges]
-    n_row = max(1, round(np.sqrt(n * (bottom - top) / (right - left))))
-    rows, columns = _parts(top, bottom, n_row), _parts(left, right, -(-n // n_row))
-    tiles = [Tile((r, c), tuple(_wider(s) for s in (r, c))) for r in rows for c in columns]
-    return [tile for tile in tiles if mask[tile.own].any()]
-
-
-def _parts(begin: int, end: int, n: int) -> list[slice]:
-    edge = np.linspace(begin, end, n + 1).round().astype(int).tolist()
-    return [slice(*both) for both in zip(edge[:-1], edge[1:])]
-
-
-def _wider(part: slice) -> slice:
-    return slice(max(part.start - MARGIN, 0), part.stop + MARGIN)
-
-
-def counted(events: Events, mask: np.ndarray) -> int:
-    """Count the events of the masked pixels."""
-    return int(count_events(events, mask.shape)[mask].sum())
 
 
 def largest(tiles: list[Tile], world: World) -> np.ndarray:
     """Give the masked pixels (height, width) bool of the tile that has most."""
     masks = (solved(world.mask, tile) for tile in tiles)
     return max(masks, key=np.count_nonzero)
-
-
-def solved(mask: np.ndarray, tile: Tile) -> np.ndarray:
-    """Give the masked pixels (height, width) bool of a tile."""
-    out = np.zeros_like(mask)
-    out[tile.solved] = mask[tile.solved]
-    return out
 
 
 def telling(world: World) -> World:
@@ -151,7 +96,7 @@ def solve_tiles(
     fit : callable (World, Progress) -> Fitted
         Fits the pixels of a tile.
     progress : callable (detail, share) -> bool, optional
-        Told which tile is under way.
+        Told which tile is under way, and the share of them that is done.
     """
     pieces, maps = [], None
     world = replace(world, memo=world.memo.only("trace", "aim"))
@@ -159,8 +104,10 @@ def solve_tiles(
         which = f"{k} of {len(tiles)}"
         gc.collect()  # of the tile before
         dr.flush_malloc_cache()
+        done = (k - 1) / len(tiles)
         fitted = fit(
-            within(world, tile), lambda detail, share, which=which: progress(f"{which}, {detail}", share)
+            within(world, tile),
+            lambda detail, _, which=which, done=done: progress(f"{which}, {detail}", done),
         )
         pieces.append(Piece.of(fitted, tile))
         maps = fitted.maps if maps is None else joined(maps, fitted.maps, tile)

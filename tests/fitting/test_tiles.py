@@ -1,4 +1,4 @@
-"""Recordings that are solved in tiles: which these are, and that no seam is left."""
+"""Recordings that are solved in tiles: what each tells is joined, and no seam is left."""
 
 from types import SimpleNamespace
 
@@ -6,46 +6,37 @@ import numpy as np
 import pytest
 
 import evsdr
-from evsdr.fitting import tiles
+from evsdr.fitting import tiles, tiling
+from evsdr.fitting.timeline import plan_of
 from evsdr.metrics import angular_error_deg
-from evsdr.records import Events
+from evsdr.progress import Whole
 
 
 @pytest.fixture
 def small(monkeypatch):
-    monkeypatch.setattr(tiles, "AT_ONCE", 60)
-    monkeypatch.setattr(tiles, "MARGIN", 3)
+    monkeypatch.setattr(tiling, "AT_ONCE", 60)
+    monkeypatch.setattr(tiling, "MARGIN", 3)
     monkeypatch.setattr(tiles, "ENOUGH", 100)
     monkeypatch.setattr(tiles, "BLOCK", 4)
 
 
-def events(n: int, width: int, height: int) -> Events:
-    k = np.arange(n)
-    return Events((k % width).astype(np.uint16), (k // width % height).astype(np.uint16), k % 2, k)
+def test_each_tile_moves_the_bar_on(small, monkeypatch):
+    monkeypatch.setattr(tiles.Piece, "of", lambda fitted, tile: None)
+    monkeypatch.setattr(tiles, "within", lambda world, tile: world)
+    monkeypatch.setattr(tiles, "joined", lambda maps, new, tile: maps)
+    monkeypatch.setattr(tiles, "together", lambda *_: None)
+    told, whole = [], Whole(plan_of(True, False, 3))
 
+    def fit(world, progress):
+        progress("descent", 0.5)
+        return SimpleNamespace(maps=0)
 
-def test_tiles_share_the_mask_and_overlap(small):
-    mask = np.zeros((30, 20), bool)
-    mask[4:28, 3:18] = True
-    mask[10, 10] = False
-    found = tiles.tiles_of(mask, events(600, 20, 30))
-    told, solved = np.zeros((2, *mask.shape), int)
-    for tile in found:
-        told[tile.own] += 1
-        solved[tile.solved] += 1
-        assert np.count_nonzero(mask[tile.own]) < 1.3 * 60
-    assert (told[mask] == 1).all() and (solved[mask] >= 1).all() and solved.max() >= 4
-    top = found[0]
-    assert top.solved[0].stop == top.own[0].stop + 3 and top.solved[0].start == top.own[0].start - 3
-
-
-def test_a_tile_is_enough_for_few_pixels_and_events(monkeypatch):
-    mask = np.ones((10, 10), bool)
-    assert tiles.tiles_of(mask, events(500, 10, 10)) == []
-    monkeypatch.setattr(tiles, "EVENTS_AT_ONCE", 250)
-    assert len(tiles.tiles_of(mask, events(500, 10, 10))) == 2
-    mask[5:] = False
-    assert tiles.tiles_of(mask, events(500, 10, 10)) == []  # events elsewhere count for nothing
+    monkeypatch.setattr(tiles, "replace", lambda world, **_: world)
+    world = SimpleNamespace(memo=SimpleNamespace(only=lambda *_: None))
+    tiles.solve_tiles(world, [None] * 3, None, fit, lambda what, share: told.append((what, share)))
+    assert [what for what, _ in told] == [f"{k} of 3, descent" for k in (1, 2, 3)]
+    shares = [whole.told(f"tiles, {what}", share) for what, share in told]
+    assert shares[0] < 0.5 and np.diff(shares) == pytest.approx([48 / sum(whole.plan.stages.values())] * 2)
 
 
 def test_what_a_tile_tells_is_taken_over():
@@ -80,7 +71,7 @@ def test_a_fit_in_tiles_is_that_of_the_whole(place, small, monkeypatch):
     said = []
     found = evsdr.fit(ring, recording, fast, progress=lambda stage, share: said.append(stage))
     assert any(stage.startswith("tiles, 2 of ") for stage in said)
-    monkeypatch.setattr(tiles, "AT_ONCE", 10**6)
+    monkeypatch.setattr(tiling, "AT_ONCE", 10**6)
     whole = evsdr.fit(ring, recording, fast)
     assert "tiles" in found.summary["seconds"] and "tiles" not in whole.summary["seconds"]
     for name in ("events", "pairs", "pixels_solved"):
