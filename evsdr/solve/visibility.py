@@ -26,7 +26,8 @@ ROUGHLY = 4.0, 2.0
 # 62 83 91 and 67 87 94; with 5.5 89 97 99 and 71 91 96
 OPEN = 4.0
 N_MOST = 48  # events of a pixel that count
-N_PROBED = 200  # suspects, from the worst to the best, that tell whether it is worth a search
+# Suspects, from the worst to the best, that tell whether it is worth a search, and places where arcs begin in them
+N_PROBED, PROBED_BEGIN = 200, 8
 LEAST_EXPLAINED = 0.3  # share of their misfit that must go; measured: up to 0.22 where nothing new is hidden, above 0.4 else
 MOST_SEARCHED = 1500  # pixels that try all arcs; others learn from these
 N_ROUND = 4  # of small changes
@@ -118,7 +119,7 @@ def find_visibility(
     if known or (share == 1).all():
         some = np.sort(_some(pixel[np.argsort(-excess[pixel], kind="stable")], N_PROBED))
         # arcs with hard edges, though half of the soft ones are missed so: with soft ones, gloss passes for shadow
-        probe = _try_arcs(judge, _try_traced(judge, first, some), some)
+        probe = _try_arcs(judge, _try_traced(judge, first, some), some, arcs(judge.order, PROBED_BEGIN))
         for _ in range(N_ROUND):
             probe = _try_changes(judge, probe, some)
         if explained(probe, some) < LEAST_EXPLAINED:
@@ -210,10 +211,9 @@ def suspects(judge: Judge, guess: Guess, excess: np.ndarray) -> np.ndarray:
     return np.flatnonzero(out & (judge.pairs.counts > 0))
 
 
-def _try_arcs(judge: Judge, best: Guess, pixel: np.ndarray) -> Guess:
+def _try_arcs(judge: Judge, best: Guess, pixel: np.ndarray, guesses: np.ndarray) -> Guess:
     """Try arcs in some pixels, from what is known and from frontal normals; others then learn of the nearest of these."""
     some = _some(pixel, MOST_SEARCHED)
-    guesses = arcs(judge.order)
     for theta, descents in _starts(best):
         for part in np.array_split(guesses, max(1, len(guesses) * len(some) // AT_ONCE)):
             here, share = np.tile(some, len(part)), np.repeat(part, len(some), axis=0).T
@@ -229,7 +229,7 @@ def _try_roughly(judge: Judge, best: Guess, pixel: np.ndarray) -> Guess:
         unknown = replace(guess, cost=np.full(len(guess.cost), np.inf))
         guess = unknown.better(pixel, share, *rough(pixel, share, guess.theta[pixel], NEAR))
         if factor == ROUGHLY[0]:
-            guess = _try_arcs(rough, guess, pixel)
+            guess = _try_arcs(rough, guess, pixel, arcs(judge.order))
         guess = _follow(rough, guess, pixel)
     share = guess.share[:, pixel]
     return best.better(pixel, share, *judge(pixel, share, guess.theta[pixel], NEAR))

@@ -8,10 +8,11 @@ import pytest
 from evsdr.solve.guesses import ARC, MISMATCH, MISTOLD, PARTIAL, Guess, Judge, arcs, changes
 
 
-@pytest.mark.parametrize("n_led", [3, 24, 50])
-def test_arcs_are_contiguous_in_azimuth(n_led):
+@pytest.mark.parametrize(("n_led", "begins"), [(3, ()), (24, ()), (24, (8,)), (50, ())])
+def test_arcs_are_contiguous_in_azimuth(n_led, begins):
     order = np.random.default_rng(0).permutation(n_led)
-    seen = arcs(order)
+    seen = arcs(order, *begins)
+    assert not begins or len(seen) < len(arcs(order)) / 2
     assert (seen[0] == 1).all() and (seen[1:] == 0).any(axis=1).all() and (seen[1:] == 1).any(axis=1).all()
     ring = seen[1:, order]
     assert (np.abs(ring - np.roll(ring, 1, axis=1)).sum(axis=1) == 2).all()

@@ -140,7 +140,7 @@ def test_a_wrong_trace_is_overruled_and_a_right_one_taken(shadowed):
 def test_what_is_traced_is_tried_as_it_is(shadowed, monkeypatch):
     """Without arcs and small changes."""
     problem, solution, truth, quarter = shadowed
-    monkeypatch.setattr(visibility, "_try_arcs", lambda judge, best, pixel: best)
+    monkeypatch.setattr(visibility, "_try_arcs", lambda judge, best, *_: best)
     monkeypatch.setattr(visibility, "N_ROUND", 0)
     traced, given = everything(problem), everything(problem)
     traced[np.ix_(HIDDEN, quarter)] = 0
