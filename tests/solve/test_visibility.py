@@ -15,6 +15,7 @@ from tests.support.analytic import lambert_signals, ring_directions, sphere_norm
 from tests.support.sphere import SPECTRUM, errors, record_signal, ring_light, solve
 
 SIZE = 20
+COPIES = 4  # operations of a kernel that only copies
 SOFT = np.ones(24)
 SOFT[3:12] = 0.8, 0.5, 0.2, 0, 0, 0, 0.2, 0.5, 0.8  # of an arc whose edges are soft
 HIDDEN = np.arange(5, 10)  # LEDs that a wall hides from the upper right quarter
@@ -91,7 +92,9 @@ def test_a_guess_that_stands_alone_asks_for_no_kernel_of_its_own(shadowed):
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history()
             told = judge(np.array(pixel), share[:, pixel], solution.all_theta[list(pixel)], ((None, 3),))
-            return *told, {kernel["hash"] for kernel in dr.kernel_history() if "hash" in kernel}
+            kernels = [kernel for kernel in dr.kernel_history() if "hash" in kernel]
+        # Not those that copy NumPy's memory: there are two, by how it lies
+        return *told, {kernel["hash"] for kernel in kernels if kernel["operation_count"] > COPIES}
 
     before = ask(9, 11)[-1]
     theta, cost, several = ask(7, 9)
