@@ -92,12 +92,14 @@ def infer(
         posterior = replace(posterior, pixels=pixels)
         point = posterior.at(start.theta, begin)
     posterior = replace(posterior, weigh=point.variance)
-    damped, n_step = Damping(np.full(len(start.theta), FIRST_DAMPING)), 0
-    for _ in range(N_ROUND):
-        point, damped, length, made = _descend(posterior, posterior.at(point.theta, point.free), damped)
-        before, posterior, n_step = posterior.scatter, posterior.learnt(point), n_step + made
-        if length < SETTLED and posterior.scatter > STILL * before:
-            break
+    posterior, point, n_step = _settle(posterior, point)
+    ended = (point.free == 0) & (posterior.centre > 0)
+    if ended.any():  # from one end of its range a search may not come back
+        again = posterior.at(point.theta, np.where(ended, posterior.centre, point.free))
+        other, new, more = _settle(posterior, again)
+        n_step += more
+        if _cost(other, new) < _cost(posterior, point):
+            posterior, point = other, new
     left = [name for name in TIMES if name not in (*names, CONSIDERED) and getattr(told, name) == 0]
     posterior = replace(posterior, stirred=(*names, *left, CONSIDERED))
     point, slope = posterior.by_kind(point, kinds(pixels.events))
@@ -123,6 +125,23 @@ def infer(
         n_step,
         *_left_open(point.theta[:, : posterior.n_map], response, around),
     )
+
+
+def _settle(posterior: Posterior, point: Point) -> tuple[Posterior, Point, int]:
+    """Make rounds of steps, and learn between them; gives the steps made, too."""
+    damped, n_step = Damping(np.full(len(point.theta), FIRST_DAMPING)), 0
+    for _ in range(N_ROUND):
+        point, damped, length, made = _descend(posterior, posterior.at(point.theta, point.free), damped)
+        before, posterior, n_step = posterior.scatter, posterior.learnt(point), n_step + made
+        if length < SETTLED and posterior.scatter > STILL * before:
+            break
+    return posterior, point, n_step
+
+
+def _cost(posterior: Posterior, point: Point) -> float:
+    """Give what all pixels cost under what was learnt last, with what is told of what they share."""
+    cost = posterior.at(point.theta, point.free).cost.sum()
+    return float(cost + 0.5 * np.sum(((point.free - posterior.centre) / posterior.sigma) ** 2))
 
 
 def _posterior(pixels: Pixels, start: Start, told: Rig, tolerance: Told, names: tuple[str, ...]) -> Posterior:

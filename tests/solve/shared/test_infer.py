@@ -8,6 +8,7 @@ import pytest
 
 from evsdr.metrics import angular_error_deg
 from evsdr.records import Recording, Schedule, Sensor
+from evsdr.solve.shared import infer as search
 from evsdr.solve.shared.infer import infer
 from evsdr.solve.shared.pixels import turned as turned_light
 from evsdr.solve.shared.posterior import Start
@@ -86,6 +87,23 @@ def test_an_untouched_recording_leaves_everything_as_told(seed):
     assert found.rig.refractory * slot_us == pytest.approx(52, abs=5)
     assert np.abs(found.rig.log_threshold).max() < 0.02
     assert case.error(found.theta) < 1.15 * case.error()
+
+
+def test_a_search_that_ends_at_a_bound_begins_again(monkeypatch):
+    """And what is likelier is kept: here the second search, whose first found no refractory period."""
+    case, begun, settle = Case.sphere(seed=0, **QUIET), [], search._settle
+
+    def stuck(posterior, point):
+        begun.append(posterior.rig(point.free).refractory)
+        if len(begun) > 1:
+            return settle(posterior, point)
+        free = np.where(posterior.basis.owner == "refractory", 0, point.free)
+        return posterior, posterior.at(point.theta, free), 0
+
+    monkeypatch.setattr(search, "_settle", stuck)
+    found, slot_us = case.infer(), case.recording.schedule.slot_us
+    assert [slot_us * value for value in begun] == pytest.approx([52, 52])
+    assert found.rig.refractory * slot_us == pytest.approx(52, abs=5)
 
 
 def test_a_lag_is_found():
