@@ -18,7 +18,6 @@ from evsdr.files.truth import read_truth
 from evsdr.fitting.budget import seconds_so_far
 from evsdr.fitting.entrance import SOLVE, Fit, collected_warnings, fit, load_scene, start
 from evsdr.fitting.settings import PRIORS, SHARED, Settings, check_names
-from evsdr.fitting.tiling import expected
 from evsdr.fitting.timeline import FIT, plan_of
 from evsdr.metrics import score
 from evsdr.progress import Stages
@@ -122,6 +121,8 @@ def command(options: Options, told: str = "", began: float | None = None) -> int
 
 def recover(options: Options, patience: Patience, began: float) -> Fit:
     """Read the files, fit, and compare with the truth if there is one; a stop while the solver runs ends it early."""
+    from evsdr.fitting.tiling import expected  # late: help needs no numba
+
     settings = options.settings()
     with collected_warnings() as messages, Stages("fit", FIT) as stages:
         with stages.stage("start"):
