@@ -10,7 +10,7 @@ import pytest
 import evsdr
 from evsdr.errors import InputError
 from evsdr.fitting import budget
-from evsdr.fitting.budget import AFTER, COST, budget_of, plan, slowness, task_seconds
+from evsdr.fitting.budget import AFTER, COST, MOST, budget_of, plan, slowness, task_seconds
 from evsdr.fitting.settings import Settings, check_settings
 from evsdr.progress import silent
 from evsdr.records import Events, Recording, Schedule, Sensor
@@ -26,9 +26,10 @@ def test_the_best_preset_that_fits_is_taken():
     expected = {name: cost.seconds(10_000, 1_000_000) for name, cost in COST.items()}
     assert sorted(expected.values(), reverse=True) == list(expected.values())
     for name, seconds in expected.items():
-        budget = planned(1.2 * seconds)
-        assert budget.settings.preset == name and budget.expected_s == pytest.approx(seconds)
-        assert planned(1.2 * seconds * 10, 10.0).settings.preset == name
+        enough = 1.02 * seconds / MOST
+        found = planned(enough)
+        assert found.settings.preset == name and found.expected_s == pytest.approx(seconds)
+        assert planned(enough * 10, 10.0).settings.preset == name
     assert planned(0.01).settings.preset == "fast"
 
 
