@@ -16,14 +16,11 @@ from evsdr.solve.stages import ALL_TERMS, Terms, softness_at
 from evsdr.solve.system import system_of
 from evsdr.solve.threshold_spread import MOVING_SPREAD, learn_spread
 from evsdr.solve.tuning import Tuning
-from evsdr.solve.unknowns import fill
+from evsdr.solve.unknowns import TIED, fill
 
 # Error of log I, relative to the threshold, by the softness of the horizon; measured: 0.5 to 2 do, 1 gives the best normals of
 # spheres and of bumpy meshes, on ideal recordings and on those of an EVK4
 CURVED_LIGHT = 1.0
-# Pixels that share one weak prior where neighbours are tied: each on its own would count it as often. Measured on white
-# spheres: 20 to all alike, 1 pulls them down
-TIED = 100
 MEAN_SETTLED = 0.002  # change of the mean log thresholds in a round
 
 

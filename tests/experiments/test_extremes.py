@@ -16,6 +16,13 @@ def test_what_pixels_share_stays_as_told_where_darkness_is_dark():
     assert result.reflectance < 0.05 and "so weak" in result.said
 
 
+def test_a_steep_plane_turns_no_powers():
+    """What is held to be likely of one pixel pulls all of a plane alike: counted as often as pixels, 15 to 36 degrees."""
+    result = measure(Case("", "", Scene(width=12, height=12, tilt_deg=80.0)))
+    assert result.known == 1 and result.mae_deg < 0.5 and result.within > 0.95
+    assert result.reflectance < 0.03 and result.state == "trustworthy"
+
+
 def test_what_cant_be_recorded_is_a_line_of_the_table():
     result = measure(Case("C_w", "100", Scene(width=4, height=4, constant_light=100.0), rounds=1))
     assert result.state == "refused" and result.said.endswith(".")

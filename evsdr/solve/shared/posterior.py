@@ -19,6 +19,7 @@ from evsdr.solve.unknowns import (
     LARGEST_SLOPE,
     LARGEST_STEP,
     LOG_REFLECTANCE_RANGE,
+    TIED,
     weak_prior,
 )
 
@@ -157,6 +158,7 @@ class Posterior:
         n_map, n = self.n_map, point.theta.shape[1]
         cost, gradient, matrix = point.cost, point.gradient, point.matrix
         centre, precision = weak_prior(n_map - 2)
+        precision = precision / min(len(self.heard), TIED)
         off = point.theta[:, :n_map] - centre
         cost += 0.5 * np.einsum("ni,ij,nj->n", off, precision, off)
         gradient[:, :n_map] += off @ precision

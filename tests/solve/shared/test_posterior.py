@@ -10,7 +10,7 @@ from evsdr.solve.shared.infer import _posterior
 from evsdr.solve.shared.pixels import vector_of
 from evsdr.solve.shared.posterior import SLACK, Start
 from evsdr.solve.shared.rig import NOT_NEGATIVE, Told, across
-from evsdr.solve.unknowns import to_normal, weak_prior
+from evsdr.solve.unknowns import TIED, to_normal, weak_prior
 from tests.support.shared_unknowns import N_LED, Case
 
 NAMES = ("powers", "directions")
@@ -61,7 +61,7 @@ def test_a_linear_map_of_normals_is_left_open(case, posterior, point, k):
     free = posterior.basis.vectors.T @ (rig.vector - case.told.vector)
     own = theta - point.theta
     moves = np.concatenate([own, np.tile(posterior.vectors @ free, (len(theta), 1))], axis=1)
-    weak = np.einsum("ni,ij,nj", own, weak_prior(own.shape[1] - 2)[1], own)
+    weak = np.einsum("ni,ij,nj", own, weak_prior(own.shape[1] - 2)[1] / min(len(own), TIED), own)
     told = np.einsum("ni,nij,nj", moves, point.matrix, moves, optimize=True) - weak
     moves[:, : own.shape[1]] = 0
     assert told < 1e-3 * np.einsum("ni,nij,nj", moves, point.matrix, moves, optimize=True)
