@@ -1,5 +1,6 @@
 """Times: the clock's steps, how long slots last, and light and events that do not share one start."""
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -147,8 +148,8 @@ class TimeShift(SharedEffect):
 
     def warning(self, found: SharedFound) -> str:
         """Give the shift, if it is more than triggers can be off."""
-        shift, _ = found.us("shift")
-        if abs(shift) <= WARNED * found.told.shift_us:
+        shift, sigma = found.us("shift")
+        if abs(shift) <= WARNED * math.hypot(found.told.shift_us, sigma):
             return ""
         return f"events are {shift:.3g} us late against the triggers or start_us; check these."
 

@@ -1,5 +1,6 @@
 """The refractory period of a sensor, as the events tell it."""
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -21,8 +22,8 @@ class Refractory(SharedEffect):
 
     def warning(self, found: SharedFound) -> str:
         """Give the period, if it is more than can be off."""
-        told, (value, _) = found.told_refractory_us, found.us("refractory")
-        if abs(value - told) <= WARNED * found.told.refractory_us:
+        told, (value, sigma) = found.told_refractory_us, found.us("refractory")
+        if abs(value - told) <= WARNED * math.hypot(found.told.refractory_us, sigma):
             return ""
         return f"refractory_us is told as {told:.3g} but the events say {value:.3g}; the latter was used: check it."
 

@@ -68,6 +68,8 @@ class SharedFound:
     told_refractory_us, slot_us : float
     untold_deg : float
         By which normals would turn if noise of photoreceptors, which the events want but do not tell from others, were in.
+    moved : (n_unknown,) float64, optional
+        By how much the unknowns of the median pixel moved.
     """
 
     inferred: Inferred
@@ -76,6 +78,7 @@ class SharedFound:
     told_refractory_us: float
     slot_us: float
     untold_deg: float = 0.0
+    moved: np.ndarray | None = None
 
     def us(self, name: str) -> tuple[float, float]:
         """Give a time and its standard deviation [us]."""
@@ -114,7 +117,8 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
         # Thresholds that scatter pass for noise of up to 14, but then of photoreceptors that lead (experiments.sigma, ideal)
         if found.wanted["noise"] > CLEAR_NOISE and found.wanted["tau"] > 0:
             untold_deg = with_lag.turn_deg["lag"]
-    return SharedFound(found, tuple(names), told, sensor.refractory_us, pixels.slot_us, untold_deg)
+    moved = np.median(found.theta - start.theta, axis=0)
+    return SharedFound(found, tuple(names), told, sensor.refractory_us, pixels.slot_us, untold_deg, moved)
 
 
 def _lags(found: Inferred, world: "World", pixels: Pixels) -> bool:

@@ -40,7 +40,7 @@ def sort_by_pixel(x, y, p, t, mask):
 
 
 @njit(cache=True)
-def pair(offset, p, t, fired, fired_inside, memorised, memorised_inside, refractory_us, ahead, left):
+def pair(offset, p, t, fired, fired_inside, memorised, memorised_inside, refractory_us, ahead, left, answer):
     """Pair each event with the one before it in its pixel.
 
     Parameters
@@ -53,18 +53,23 @@ def pair(offset, p, t, fired, fired_inside, memorised, memorised_inside, refract
         Whether these lie within the rounds.
     refractory_us : float
     ahead, left : (n_event,) float32
-        What noise adds to log I when each event fires, and when its light is memorised.
+        What is added to log I when each event fires, and when its light is memorised.
+    answer : (2, n_event) float32
+        By how much log I counts then; or (2, 0): by 1.
 
     Returns
     -------
     pair_offset : (n_pixel + 1,) uint32
     start, end, polarity, bias : (n_pair,) float32, float32, int8, float32
+    answers : (n_pair, 2) float32, or (0, 2)
+        At start and end.
     n_dropped, n_close : int
         Pairs left out, and those of them that are too close.
     """
     pair_offset = np.zeros(len(offset), np.uint32)
     start, end = np.empty(len(t), np.float32), np.empty(len(t), np.float32)
     polarity, bias = np.empty(len(t), np.int8), np.empty(len(t), np.float32)
+    answers = np.empty((answer.shape[1], 2), np.float32)
     n, n_dropped, n_close = 0, 0, 0
     for pixel in range(len(offset) - 1):
         for k in range(offset[pixel] + 1, offset[pixel + 1]):
@@ -77,9 +82,12 @@ def pair(offset, p, t, fired, fired_inside, memorised, memorised_inside, refract
             start[n] = fired[k] if early < 0 else memorised[k - 1]
             end[n], polarity[n] = fired[k], 2 * p[k] - 1
             bias[n] = ahead[k] - (ahead[k] if early < 0 else left[k - 1])
+            if answer.shape[1]:
+                answers[n, 0] = answer[0, k] if early < 0 else answer[1, k - 1]
+                answers[n, 1] = answer[0, k]
             n += 1
         pair_offset[pixel + 1] = n
-    lists = start[:n].copy(), end[:n].copy(), polarity[:n].copy(), bias[:n].copy()
+    lists = start[:n].copy(), end[:n].copy(), polarity[:n].copy(), bias[:n].copy(), answers[:n].copy()
     return pair_offset, *lists, n_dropped, n_close
 
 

@@ -29,7 +29,10 @@ class Pairs:
     polarity : (n_pair,) int8
         +1 (brighter) or -1 of the event that ends the pair.
     bias : (n_pair,) float32
-        What noise of photoreceptors, and a leak, add to the change of log I: events fire early by it.
+        What is added to the change of log I: noise of photoreceptors, and a leak, make events fire early by it.
+    answer : (n_pair, 2) float32, optional
+        Of photoreceptors that lag: by how much log I counts at start and end. What they show follows other light than that
+        of which phases and biases are to first order as this says, and these are right for that.
     n_event : int
         Events looked at.
     n_dropped : int
@@ -53,6 +56,7 @@ class Pairs:
     phase_end: np.ndarray
     polarity: np.ndarray
     bias: np.ndarray
+    answer: np.ndarray | None
     n_event: int
     n_dropped: int
     silent_offset: np.ndarray
@@ -103,15 +107,18 @@ def pair_events(
     phases = *_single_phase(t, recording), *_single_phase(t + sensor.refractory_us, recording)
     fired, fired_inside, memorised, memorised_inside = phases
     ahead = left = np.zeros(len(t), np.float32)
+    answer = fixed = np.zeros((2, 0), np.float32)
     if receptors:
         shown = receptors.shown(offset, _positions(t, recording), 2.0 * p - 1)
         fired, memorised, ahead, left = shown.fired, shown.memorised, shown.ahead, shown.left
+        answer, fixed = shown.answer, (1 - shown.answer) * shown.log
     refractory_us = float(sensor.refractory_us)
     schedule, rounds = recording.schedule, recording.round_start_us
     last_us = rounds[-1] - 1e-3 if len(rounds) > 1 else float(t.max())
     risen = _risen(offset, t, last_us, recording, leak)
-    told = fired, fired_inside, memorised, memorised_inside, refractory_us, ahead, left - risen[0]
-    pair_offset, start, end, polarity, bias, n_dropped, n_close = pair(offset, p, t, *told)
+    added = (ahead, left - risen[0]) if receptors is None else (ahead + fixed[0], left - risen[0] + fixed[1])
+    told = fired, fired_inside, memorised, memorised_inside, refractory_us, *added, answer
+    pair_offset, start, end, polarity, bias, answers, n_dropped, n_close = pair(offset, p, t, *told)
     _check_pairs(len(end), n_dropped, n_close, sensor.refractory_us)
     last_phase, last_inside = (value[0] for value in _single_phase(np.array([last_us]), recording))
     silences = list_silences(
@@ -136,6 +143,7 @@ def pair_events(
         phase_end=end,
         polarity=polarity,
         bias=bias,
+        answer=answers if receptors else None,
         n_event=len(t),
         n_dropped=n_dropped,
         silent_offset=silent_offset,

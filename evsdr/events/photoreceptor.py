@@ -6,10 +6,13 @@ import numpy as np
 from numba import njit
 
 from evsdr.events.lead import TABLE, kept, lead_of
-from evsdr.events.receptor import MOST_NODES, follow, late_at, own_rate, shown_at
+from evsdr.events.receptor import MOST_NODES, follow, late_at, light_at, own_rate, shown_at
 from evsdr.threads import N_CHUNK, in_chunks
 
 SHORTEST = 1e-6  # time constant: faster ones show the light of now
+MORE = 1e-3  # of log light, for derivatives
+# Bounds of an answer: a receptor that falls into the dark may show less for more light, which no slope of log I can say. Guessed
+LEAST_ANSWER, MOST_ANSWER = 0.25, 4.0
 
 
 @dataclass(frozen=True)
@@ -22,12 +25,19 @@ class Shown:
         Phases at which the light was what is shown when the event fires, and when its light is memorised.
     ahead, left : (n_event,) float32
         What noise adds to log I then.
+    answer : (2, n_event) float32
+        By how much what is shown rises with the logarithm of all light, when the event fires and when its light is memorised:
+        more light is also followed faster. 1 without a lag.
+    log : (2, n_event) float32
+        What is shown then, without noise.
     """
 
     fired: np.ndarray
     memorised: np.ndarray
     ahead: np.ndarray
     left: np.ndarray
+    answer: np.ndarray
+    log: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -66,10 +76,10 @@ class Photoreceptors:
         polarity : (n_event,) float
             1 or -1.
         """
-        out = np.empty((4, len(position)), np.float32)
+        out = np.empty((8, len(position)), np.float32)
         given = *self._values, np.asarray(offset, np.int64), position, polarity
         in_chunks(lambda chunk: _shown(chunk, *given, self.noise, self.refractory, TABLE, out))
-        return Shown(*out)
+        return Shown(*out[:4], out[4:6], out[6:])
 
     def phases(self, offset: np.ndarray, slot: np.ndarray) -> np.ndarray:
         """Give the phases (n,) float32 at which the light was what is shown where slots (n,) of pixels start."""
@@ -88,18 +98,20 @@ class Photoreceptors:
 def _shown(
     chunk, light, row_of, crossfade, tau, dark, offset, position, polarity, noise, refractory, lead, out
 ):
-    """See `Photoreceptors.shown`; writes fired, memorised, ahead, left."""
+    """See `Photoreceptors.shown`; writes fired, memorised, ahead, left, the two answers and the two logarithms."""
     n_pixel, n_slot = len(offset) - 1, light.shape[1]
-    nodes = np.zeros((n_slot, MOST_NODES + 2))
+    nodes, nodes_more = np.zeros((n_slot, MOST_NODES + 2)), np.zeros((n_slot, MOST_NODES + 2))
     nowhere = np.ones(n_slot)
     each = (n_pixel + N_CHUNK - 1) // N_CHUNK
     for pixel in range(chunk * each, min((chunk + 1) * each, n_pixel)):
         if offset[pixel] == offset[pixel + 1]:
             continue
         row = row_of[pixel]
-        if row >= 0:
-            follow(light[row], tau, dark, crossfade, nodes)
         here = light[row] if row >= 0 else nowhere
+        more = here * np.exp(MORE)
+        if row >= 0:
+            follow(here, tau, dark, crossfade, nodes)
+            follow(more, tau, dark, crossfade, nodes_more)
         for k in range(offset[pixel], offset[pixel + 1]):
             ahead, level, velocity = 0.0, 0.0, 0.0
             for end in range(2):
@@ -108,6 +120,9 @@ def _shown(
                 slot, fade = shown_at(at, late, here, crossfade)
                 phase = np.float32(slot + fade)
                 out[end, k] = phase if phase < n_slot else 0.0
+                late_more = late_at(at, more, tau, dark, crossfade, nodes_more) if row >= 0 else 0.0
+                out[4 + end, k] = min(max(1 - (late_more - late) / MORE, LEAST_ANSWER), MOST_ANSWER)
+                out[6 + end, k] = np.log(light_at(at, here, crossfade)) - late
                 if noise == 0 or row < 0:
                     out[2 + end, k] = 0.0
                     continue

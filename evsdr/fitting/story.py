@@ -31,6 +31,7 @@ from evsdr.fitting import report
 from evsdr.fitting.checks import as_recorded, check_fit, check_room, object_mask
 from evsdr.fitting.decoder import Decoder, start_normals
 from evsdr.fitting.entrance import SOLVE, Fit
+from evsdr.fitting.following import follow, moves
 from evsdr.fitting.model_error import with_model_error
 from evsdr.fitting.presets import PRESETS
 from evsdr.fitting.settings import Settings
@@ -163,7 +164,7 @@ def fit_recording(
         surface = world.surface.files(depth, fitted.maps) if depth else {}
     geometry.check_pieces(world)
     geometry.check_normals(world, fitted.maps)
-    verdict = judge(world, fitted, stopped, misfit.least)
+    verdict = judge(world, fitted, stopped, misfit.least, moves(world, fitted))
     said = {"verdict": str(verdict), "stopped": stopped, "misfit": misfit.words}
     summary = report.summarise(world, settings, fitted, notes) | world.surface.told() | said
     whole = len(signals.pixel) == fitted.problem.n_pixel
@@ -180,6 +181,7 @@ def retell(solve: Decoder, world: World, progress: Progress) -> Fitted:
         fitted = replace(solve(matt.problem(fitted), fitted, "touch", progress), problem=fitted.problem)
     if first != "whole":
         fitted = solve(matt.problem(fitted), fitted, "again" if world.lag else "learn", progress)
+        fitted = follow(matt, fitted, solve, progress)
     if world.light_follows_fit:
         matt, fitted, _ = settle(matt, matt.illumination(), fitted, solve, progress)
         fitted = solve(matt.problem(fitted), fitted, "light", progress)
@@ -235,7 +237,7 @@ def settle_events(
 ) -> tuple[World, Fitted]:
     """Infer what pixels share: from rough maps, from a sketch under what these tell, and until better maps tell the same.
 
-    Where pixels are many the sketch is of some.
+    Where pixels are many the sketch is of some. Maps of pixels by which that is inferred move with it, and the others' alike.
     """
     told, good, teacher = world, None, fitted
     for purpose in ROUNDS:
@@ -245,21 +247,26 @@ def settle_events(
         world, changed = decide("alone", told, teacher, settings, progress)
         if not changed:
             break
-        before = sample_of(fitted) if purpose == "sketch" else fitted
+        found = find_shared(told, teacher)
+        begun = replace(fitted, solution=fitted.solution.moved(found.moved)) if found else fitted
+        before = sample_of(begun) if purpose == "sketch" else begun
         if purpose == "again" and teacher.problem.n_pixel < fitted.problem.n_pixel:
-            before = replace(solve(world.problem(fitted), fitted, "touch", progress), problem=fitted.problem)
+            before = replace(solve(world.problem(begun), begun, "touch", progress), problem=begun.problem)
         new = solve(replace(world, mask=before.problem.grid.mask).problem(before), before, purpose, progress)
         known = before.maps.mask & new.maps.mask
         if np.count_nonzero(known) < KEPT * np.count_nonzero(before.maps.mask & before.problem.grid.mask):
             world = refuse(told, world)
             break
-        told = replace(told, found=find_shared(told, teacher))
+        told = replace(told, found=found)
         teacher = replace(new, problem=before.problem)
-        fitted = teacher if before.problem.n_pixel == fitted.problem.n_pixel else fitted
+        fitted = teacher if before.problem.n_pixel == fitted.problem.n_pixel else begun
         good = (world, new) if purpose == "again" else None
     if good is None and world.terms.thorough:
         fitted = solve(world.problem(fitted), fitted, "learn", progress)
-    return good or (world, fitted)
+    if good is None:
+        return world, fitted
+    world, fitted = good
+    return world, follow(world, fitted, solve, progress)
 
 
 def share_anew(
@@ -271,7 +278,8 @@ def share_anew(
     new, changed = decide("alone", before, seen, settings, progress)
     if not changed:
         return world, fitted
-    return new, solve(new.problem(fitted), fitted, "again", progress)
+    fitted = solve(new.problem(fitted), fitted, "again", progress)
+    return new, follow(new, fitted, solve, progress)
 
 
 def refuse(told: World, world: World) -> World:

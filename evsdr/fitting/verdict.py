@@ -24,6 +24,7 @@ RECURRING = 0.05
 # Of the known pixels, from which LEDs are hidden as nothing but their events tells: measured, 0.57 on a lion whose sigmas do not
 # hold (94 % within three), 0.29 to 0.35 on a relief, a goathead, Nefertiti and a skull, whose do
 SHADOWED = 0.5
+UNSETTLED = 0.1  # of their standard deviation, by which residuals move with what photoreceptors show; guessed: 100 events then tell 1
 FEW_KNOWN = 0.5  # of the pixels that fire; guessed
 
 
@@ -48,10 +49,13 @@ class Verdict:
         return f"{DOUBTFUL}: {' '.join(self.doubts)}" if self.doubts else TRUSTWORTHY
 
 
-def judge(world: World, fitted: Fitted, stopped: bool = False, recurring: float = 0.0) -> Verdict:
+def judge(
+    world: World, fitted: Fitted, stopped: bool = False, recurring: float = 0.0, moved: float = 0.0
+) -> Verdict:
     """Judge a fit, stopped early or not, and warn its user of what they should look into.
 
-    `recurring` is how large residuals are, of a threshold, that come again in every round, see `misfit.Misfit`.
+    `recurring` is how large residuals are, of a threshold, that come again in every round, see `misfit.Misfit`; `moved` is how far
+    they still move, see `following.moves`.
     """
     ring = world.ring
     if ring.constant_light == 0:
@@ -64,6 +68,7 @@ def judge(world: World, fitted: Fitted, stopped: bool = False, recurring: float 
     doubts = tuple(ignorance(world, fitted))
     if not contradictions:
         doubts += (*unexplained(world, recurring), *shadowed(world, fitted), *doubts_of(world, fitted))
+        doubts += tuple(unsettled_light(world, moved))
     if stopped:
         early = "this fit was stopped early, so that errors may be larger than sigmas say; let it end."
         doubts = (f"{world.recording.source}: {early}", *doubts)
@@ -147,6 +152,15 @@ def doubts_of(world: World, fitted: Fitted) -> Iterator[str]:
                 f"{values['found']:.3g}; the latter was used: "
                 "check the camera's biases, or the surface is not matt."
             )
+
+
+def unsettled_light(world: World, moved: float) -> Iterator[str]:
+    """Say that what photoreceptors show of the maps is not yet what these were fitted to."""
+    if moved > UNSETTLED:
+        yield (
+            f"{world.recording.source}: photoreceptors are so slow for this light that a better fit would move residuals by "
+            f"{moved:.1g} of their noise, so that errors may be larger than sigmas say; make slots longer, or the light stronger."
+        )
 
 
 def faint_light(world: World, fitted: Fitted) -> Iterator[str]:

@@ -4,7 +4,7 @@ import drjit as dr
 
 from evsdr.solve import law
 from evsdr.solve.light import Light
-from evsdr.solve.pair_data import PairData, looked_up, unpack_pair
+from evsdr.solve.pair_data import PairData, change_of_log, unpack_pair
 
 
 def normal_equations(
@@ -60,10 +60,10 @@ def normal_equations(
         sides = (polarity > 0, polarity < 0) if thresholds else ()
         threshold = dr.select(polarity > 0, pairs.threshold_on, pairs.threshold_off)
         gain = polarity / threshold
-        change = dr.log(total / total_start) + looked_up(pairs.bias, k, active)
+        change, answer_start, answer = change_of_log(pairs, total_start, total, k, active)
         r = (gain * change - 1.0) / scale
         gain = gain / scale
-        jacobian = [gain * (b - a) for a, b in zip(by_start, by_end)]
+        jacobian = [gain * (answer * b - answer_start * a) for a, b in zip(by_start, by_end)]
         jacobian += [dr.select(side, -r - dr.rcp(scale), 0.0) for side in sides]
         value, weight = law.cauchy(0.5 * dr.square(r), robust)
         given = 1.0 if pairs.weight is None else dr.gather(Float, pairs.weight, k, active)

@@ -27,9 +27,9 @@ from evsdr.solve.event_terms import normal_equations
 from evsdr.solve.pair_data import (
     PairData,
     Table,
+    change_of_log,
     ends,
     every_pair,
-    looked_up,
     signal_table,
 )
 from evsdr.solve.silence_terms import silence_equations
@@ -44,7 +44,7 @@ def relative_residual(table: Table, pairs: PairData, constant_light, k, pixel, a
     start, end, polarity = ends(table, pairs, k, pixel, active)
     on, off = (dr.gather(Float, value, pixel, active) for value in (pairs.threshold_on, pairs.threshold_off))
     threshold = dr.select(polarity > 0, on, off)
-    change = dr.log((end + constant_light) / (start + constant_light)) + looked_up(pairs.bias, k, active)
+    change = change_of_log(pairs, start + constant_light, end + constant_light, k, active)[0]
     u = polarity * change / threshold - 1.0
     return dr.select(active, u, 0.0), threshold
 

@@ -2,7 +2,8 @@
 
 With x_j what is added to log (A_j + C_w) of LED j, and one more for darkness, log I changes to first order by the mean
 of x over what is lit, weighted by its share of I. Each pair of events measures a difference of two such means; x is
-their weighted least squares solution. Differences leave the mean of x open: a weak prior sets it to 0.
+their weighted least squares solution. Differences leave the mean of x open: a weak prior sets it to 0. What light that is
+followed faster would add to that of photoreceptors that lag is left out of x.
 """
 
 import drjit as dr
@@ -80,21 +81,22 @@ def light_of(data: Data, solution: Solution) -> np.ndarray:
 
 
 def _told(pairs: PairData, solution: Solution) -> tuple:
-    """Give what events tell as NumPy's arrays: pairs (where they begin, count, phases, biases), LEDs of each slot, thresholds (2, n_pixel)."""
+    """Give what events tell as NumPy's arrays: pairs (where they begin, count, phases, biases, answers), LEDs of each slot, thresholds (2, n_pixel)."""
     begin, count, phases = pairs.first.numpy().astype(np.int64), pairs.counts, pairs.phases.numpy()
     bias = np.zeros(len(phases) // 2, np.float32) if pairs.bias is None else pairs.bias.numpy()
+    answer = np.ones_like(phases) if pairs.answer is None else pairs.answer.numpy()
     n_pixel = len(begin)
     given = (pairs.threshold_on, pairs.threshold_off)
     thresholds = np.stack([np.broadcast_to(t.numpy(), n_pixel) for t in given]).astype(np.float64)
     if solution.threshold_gain is not None:
         thresholds *= solution.threshold_gain.T
-    return (begin, count, phases, bias), pairs.slot_leds.numpy().astype(np.int64), thresholds
+    return (begin, count, phases, bias, answer), pairs.slot_leds.numpy().astype(np.int64), thresholds
 
 
 @njit(cache=True, nogil=True)
 def _solve_pixels(pairs, slot_leds, thresholds, total, noise, robust, first, last, change, sigma, residual):
     """Fill x, its standard deviation, and the scatter of residuals of pixels first .. last - 1."""
-    begin, count, phases, bias = pairs
+    begin, count, phases, bias, answer = pairs
     n = total.shape[1]
     at, share = np.empty(4, np.int64), np.empty(4)
     matrix, pull, told = np.empty((n, n)), np.empty(n), np.empty(n, np.bool_)
@@ -114,7 +116,7 @@ def _solve_pixels(pairs, slot_leds, thresholds, total, noise, robust, first, las
                 at[2 * side], at[2 * side + 1] = one, other
                 share[2 * side] = sign * (1 - fade) * total[i, one] / lit
                 share[2 * side + 1] = sign * fade * total[i, other] / lit
-                logs += sign * np.log(lit)
+                logs += sign * answer[2 * k + side] * np.log(lit)
             polarity = 1.0 if phases[2 * k + 1] > 0 else -1.0
             threshold = thresholds[0, i] if polarity > 0 else thresholds[1, i]
             unexplained, scale = polarity * threshold - logs, threshold * noise[i]

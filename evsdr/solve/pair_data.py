@@ -10,7 +10,10 @@ from evsdr.model.arrays import owned
 
 OF_PIXEL = "first", "last", "threshold_on", "threshold_off", "silent_first", "silent_last"
 AT_ONCE = 32  # LEDs in a kernel that fills a table: of more, one kernel takes minutes to compile
-LISTS, SILENT_LISTS = ("phases", "bias", "weight"), ("silent_phases", "silent_probes", "silent_bias")
+LISTS, SILENT_LISTS = (
+    ("phases", "bias", "answer", "weight"),
+    ("silent_phases", "silent_probes", "silent_bias"),
+)
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,8 @@ class PairData:
         Phases that pass in silence.
     bias : Float, (n_pair), optional
         What is added to the change of log I; 0 by default.
+    answer : Float, (n_pair * 2), optional
+        For each pair by how much log I counts at its start and end; 1 by default.
     weight : Float, (n_pair), optional
         How much a pair counts; 1 by default.
     """
@@ -58,6 +63,7 @@ class PairData:
     silent_bias: object = None
     probes: object = None
     bias: object = None
+    answer: object = None
     weight: object = None
 
     @property
@@ -207,6 +213,15 @@ def unpack_pair(phases, k, active):
 def looked_up(values, k, active):
     """Look an optional list up; 0 where there is none."""
     return 0.0 if values is None else dr.gather(type(values), values, k, active)
+
+
+def change_of_log(pairs: PairData, start, end, k, active):
+    """Give by how much what is shown changes in pair k, from light at start and end, and how it answers to these."""
+    bias = looked_up(pairs.bias, k, active)
+    if pairs.answer is None:
+        return dr.log(end / start) + bias, 1.0, 1.0
+    first, last = dr.gather(array_type(type(pairs.answer), 2), pairs.answer, k, active)
+    return last * dr.log(end) - first * dr.log(start) + bias, first, last
 
 
 def array_type(kind: type, size: int) -> type:

@@ -165,6 +165,7 @@ def lay_out(recording: Recording, pairs: Pairs, mask: np.ndarray, light: Illumin
         silent_bias=owned(Float, pairs.silent_bias),
         probes=owned(Float, pairs.silent_probe),
         bias=owned(Float, pairs.bias),
+        answer=None if pairs.answer is None else owned(Float, pairs.answer.ravel()),
     )
 
 

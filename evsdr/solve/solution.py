@@ -188,6 +188,16 @@ class Solution:
             return self.theta
         return np.column_stack([self.theta, np.log(self.threshold_gain)])
 
+    def moved(self, by: np.ndarray) -> "Solution":
+        """Move log reflectances, and logarithms of thresholds where they are unknown, of all pixels alike, by (n_unknown,)."""
+        n = self.theta.shape[1]
+        theta = self.theta + np.append(np.zeros(2), by[2:n]).astype(np.float32)
+        if self.threshold_gain is None:
+            return replace(self, theta=theta)
+        gain = self.threshold_gain * np.exp(by[n:]).astype(np.float32)
+        prior = (*(np.array(self.threshold_prior[:2]) + by[n:]), *self.threshold_prior[2:])
+        return replace(self, theta=theta, threshold_gain=gain, threshold_prior=prior)
+
     def with_thresholds(self, mean: np.ndarray) -> np.ndarray:
         """Give all unknowns, with thresholds that are moved alike, until the means (2,) of their logarithms are as told."""
         theta = self.all_theta.copy()

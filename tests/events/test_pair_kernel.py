@@ -40,20 +40,24 @@ def test_pairs_by_hand():
     memorised_inside = np.array([True, True, True, False, True, True])
     given = offset, p, t, fired, fired_inside, memorised, memorised_inside
     ahead, left = np.arange(6, dtype=np.float32) / 4, np.arange(6, dtype=np.float32) / 8 + 3
-    pair_offset, start, end, polarity, bias, n_dropped, n_close = pair(*given, 20.0, ahead, left)
+    answer = np.stack([20 + fired, 30 + fired])
+    pair_offset, start, end, polarity, bias, answers, n_dropped, n_close = pair(
+        *given, 20.0, ahead, left, answer
+    )
     np.testing.assert_array_equal(pair_offset, [0, 1, 1])
     assert (start.tolist(), end.tolist(), polarity.tolist()) == ([10.0], [1.0], [-1])
     assert bias.tolist() == [0.25 - 3.0]  # what is there when it fires, without what was memorised
+    assert answers.tolist() == [[30.0, 21.0]]  # once it was memorised, and when the next one fires
     assert (n_dropped, n_close) == (3, 1)
 
 
 def test_a_pair_that_rounding_makes_empty_has_no_bias():
     """It starts where it ends: noise would count twice."""
     one, inside = np.ones(2, np.float32), np.ones(2, bool)
-    found = pair(
-        np.array([0, 2]), np.ones(2, np.int8), np.array([0, 20]), one, inside, one, inside, 20.5, one, 3 * one
-    )
-    assert len(found[4]) == 1 and found[4][0] == 0
+    given = np.array([0, 2]), np.ones(2, np.int8), np.array([0, 20]), one, inside, one, inside, 20.5
+    found = pair(*given, one, 3 * one, np.stack([one, 2 * one]))
+    assert len(found[4]) == 1 and found[4][0] == 0 and found[5].tolist() == [[1, 1]]
+    assert pair(*given, one, 3 * one, np.zeros((2, 0), np.float32))[5].shape == (0, 2)
 
 
 @pytest.mark.parametrize("refractory_us", [0.0, 33.0])

@@ -22,7 +22,9 @@ class Late:
         np.testing.assert_array_equal(offset, 3 * (np.arange(9) > 5))
         fired = self._late(position)
         number = np.arange(3, dtype=np.float32)
-        return Shown(fired, self._late(position + 0.3), polarity * (1 + number), polarity * number / 8)
+        added = polarity * (1 + number), polarity * number / 8
+        answer = np.stack([1 + number / 4, 2 - number / 4])
+        return Shown(fired, self._late(position + 0.3), *added, answer, np.stack([number, 5 - number]))
 
     def phases(self, offset, position):
         np.testing.assert_array_equal(offset, 3 * (np.arange(9) > 5))
@@ -42,7 +44,9 @@ def test_what_photoreceptors_show_counts_everywhere():
     pairs = pair_events(recording, None, Late())
     np.testing.assert_allclose(pairs.phase_start, [0.8 - 0.25, 1.6 - 0.25], rtol=1e-6)
     np.testing.assert_allclose(pairs.phase_end, [1.3 - 0.25, 3.1 - 0.25], rtol=1e-6)
-    np.testing.assert_allclose(pairs.bias, [2 - 0, -3 - 1 / 8])
+    # what noise adds, and what is left of log I where it counts other than once
+    np.testing.assert_allclose(pairs.answer, [[2, 1.25], [1.75, 1.5]])
+    np.testing.assert_allclose(pairs.bias, [2 - 0.25 + 5, -3 - 0.5 * 2 - 1 / 8 + 0.75 * 4])
     # from 80 to 130 us slot 1 starts, from 160 to 310 slots 2 and 3, from 340 to the end none
     np.testing.assert_allclose(pairs.silent_start, [0.55, 1.35], rtol=1e-6)
     np.testing.assert_allclose(pairs.silent_end, [1.3 - 0.25, 3.1 - 0.25], rtol=1e-6)

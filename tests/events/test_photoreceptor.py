@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evsdr.events.lead import TABLE, kept, read_lead
-from evsdr.events.photoreceptor import Photoreceptors
+from evsdr.events.photoreceptor import LEAST_ANSWER, MOST_ANSWER, Photoreceptors
 from tests.support.receptor_steps import CROSSFADES, N_SLOT, TAU, light_of, stepped
 
 N_PIXEL = 6
@@ -93,3 +93,22 @@ def test_pixels_of_unknown_light_keep_their_phases(light):
     np.testing.assert_allclose(found.fired, [1.0, 1.5])
     np.testing.assert_allclose(found.memorised, [1.3, 2.0])
     assert not found.ahead.any() and not found.left.any()
+
+
+@pytest.mark.parametrize("crossfade", CROSSFADES)
+def test_answers_are_what_more_light_makes_of_what_is_shown(light, crossfade):
+    """Against a receptor in small steps, under light that is 1 % stronger and weaker."""
+    steps = np.arange(50, 10_500, 49)
+    receptors = Photoreceptors(light, ROWS, crossfade, TAU, dark=0.1)
+    found, away = look(receptors, (steps + 1) * N_SLOT / 10_500), 0.0
+    for pixel in range(N_PIXEL):
+        _, log_now, v = stepped(light[pixel], TAU, 0.1, crossfade)
+        more, less = (stepped(factor * light[pixel], TAU, 0.1, crossfade)[2] for factor in (1.01, 1 / 1.01))
+        expected = np.clip((more - less) / (2 * np.log(1.01)), LEAST_ANSWER, MOST_ANSWER)[steps]
+        mine = slice(pixel * len(steps), (pixel + 1) * len(steps))
+        np.testing.assert_allclose(found.answer[0, mine], expected, atol=0.02)
+        np.testing.assert_allclose(found.log[0, mine], v[steps], atol=0.005)
+        away = max(away, np.abs(expected - 1).max())
+    assert away > 0.1
+    fast = look(Photoreceptors(light, ROWS, crossfade, 0.0), (steps + 1) * N_SLOT / 10_500)
+    np.testing.assert_allclose(fast.answer, 1, atol=1e-3)

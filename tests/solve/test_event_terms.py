@@ -25,11 +25,17 @@ def rarity(scene, i, k, theta, share):
     return -np.log(0.5 * (speed + np.hypot(speed, SLOWEST)))
 
 
-@pytest.mark.parametrize(("thresholds", "share"), [(False, 0.0), (True, 0.0), (False, 0.7), (True, 0.7)])
-def test_terms_are_those_of_a_plain_loop(scene, thresholds, share):
-    """Weights of pairs, and a share of the signal that no reflectance scales."""
+@pytest.mark.parametrize(
+    ("thresholds", "share", "answered"),
+    [(False, 0.0, False), (True, 0.0, False), (False, 0.7, True), (True, 0.7, False), (True, 0.0, True)],
+)
+def test_terms_are_those_of_a_plain_loop(scene, rng, thresholds, share, answered):
+    """Weights of pairs, a share of the signal that no reflectance scales, and log light that counts more or less than once."""
     n = N if thresholds else 2 + N_BAND
+    answer = rng.uniform(0.3, 2.0, (len(scene.start), 2)).astype(np.float32) if answered else None
     pairs = replace(scene.pairs, weight=mi.Float(scene.weight))
+    if answered:
+        pairs = replace(pairs, answer=mi.Float(answer.ravel()))
     given = mi.Float(C_W), N_BAND, mi.Float(SCALE), mi.Float(ROBUST), thresholds, share
     cost, gradient, matrix = normal_equations(scene.table(scene.share * scene.signal), pairs, *given)
     full, n_event = np.zeros(N), 0
@@ -39,6 +45,10 @@ def test_terms_are_those_of_a_plain_loop(scene, thresholds, share):
 
             def r(theta, i=i, k=k):
                 change = scene.change(i, scene.start[k], scene.end[k], theta, scene.share) + scene.bias[k]
+                if answered:
+                    ends = scene.start[k], scene.end[k]
+                    logs = np.log([scene.light(i, phase, theta, scene.share)[0] for phase in ends])
+                    change += (answer[k] - 1) @ (logs * [-1, 1])
                 polarity = scene.polarity[k]
                 return (polarity * change / scene.threshold(i, polarity, theta) - 1) / SCALE
 

@@ -23,6 +23,7 @@ def recorded(rng):
         phase_end=(start + 0.5).astype(np.float32),
         polarity=rng.choice([-1, 1], len(start)).astype(np.int8),
         bias=start.astype(np.float32) - 0.5,
+        answer=None,
         n_event=0,
         n_dropped=0,
         silent_offset=np.append(0, np.cumsum(SILENT)).astype(np.uint32),

@@ -21,7 +21,7 @@ RISEN = 0.01  # mean loss of that from which a step is refused
 SETTLED = (
     0.15  # standard deviations of what is shared, root mean square, by which a step goes when it is the last
 )
-STILL = 0.98  # share of the scatter that a last round leaves; guessed
+STILL = 0.98  # of the larger of the scatters before and after a last round, the smaller; guessed
 FIRST_DAMPING, DAMPING_RANGE = 1e-3, (1e-6, 1e6)
 FIRST_STIFFNESS, MOST_STIFFNESS = 1e-2, 1e3
 
@@ -133,7 +133,7 @@ def _settle(posterior: Posterior, point: Point) -> tuple[Posterior, Point, int]:
     for _ in range(N_ROUND):
         point, damped, length, made = _descend(posterior, posterior.at(point.theta, point.free), damped)
         before, posterior, n_step = posterior.scatter, posterior.learnt(point), n_step + made
-        if length < SETTLED and posterior.scatter > STILL * before:
+        if length < SETTLED and STILL < posterior.scatter / before < 1 / STILL:
             break
     return posterior, point, n_step
 
@@ -183,7 +183,7 @@ class Damping:
 def _descend(posterior: Posterior, point: Point, damping: Damping) -> tuple[Point, Damping, float, int]:
     """Make steps until they are short; gives the last point, damping, its length in `SETTLED`, and the steps.
 
-    The length is Newton's decrement (Boyd and Vandenberghe 2004, eq. 9.29).
+    The length is Newton's decrement (Boyd and Vandenberghe 2004, eq. 9.29), of a step about as long as without damping.
     """
     for made in range(1, N_STEP + 1):
         step, response, rest, complement = posterior.solve(point, damping.pixel, damping.shared)
@@ -193,8 +193,8 @@ def _descend(posterior: Posterior, point: Point, damping: Damping) -> tuple[Poin
         if worse.any():
             new = posterior.kept(point, new, worse)
         refused = posterior.risen(point, new) > RISEN
+        step = (new.free - point.free) * (1 + damping.shared)  # what must not be negative may have ended at 0
         damping = damping.after(worse, refused)
-        step = new.free - point.free  # what must not be negative may have ended at 0
         length = np.sqrt(step @ complement @ step / max(len(step), 1))
         if not refused:
             point = new

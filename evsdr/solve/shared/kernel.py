@@ -7,7 +7,7 @@ Between two events of a pixel
 with v the log light behind the photoreceptor (`receptor`), r_k = t_(k-1) + refractory, sigma lead what the receptor's
 noise adds when it fires an event (`lead`), and kept what is left of that at r_k. Times have the density of the first
 passage: that of the threshold that was met, times |dv/dt + leak| / C, times the probability that the other threshold was not
-met before. Derivatives stand at the light that v shows.
+met before. Derivatives stand at the light that v shows, times how v answers to more light (`_answer`).
 """
 
 import math
@@ -105,6 +105,19 @@ def _change_of_kept(own_time, pole):
     poles = poles_of(pole)
     slow, fast = math.exp(-own_time), math.exp(-poles * own_time)
     return poles * (fast - slow) / (poles - 1), (poles * fast - slow) / (poles - 1)
+
+
+@njit(cache=True, error_model="numpy")
+def _answer(late, values, moved_by):
+    """Give dv / dlog of all light, of log I - v for each of `sets`.
+
+    v of light c I is v + log c of a receptor whose tau and dark current are c times smaller. A tau that is not asked for is tiny:
+    then log I - v is in proportion to it.
+    """
+    answer = 1 + (values[TAU] * (late[TAU + 1] - late[0]) / moved_by[TAU] if moved_by[TAU] != 0 else late[0])
+    if moved_by[DARK] != 0:
+        answer += values[DARK] * (late[DARK + 1] - late[0]) / moved_by[DARK]
+    return answer
 
 
 @njit(cache=True, error_model="numpy")
@@ -228,6 +241,7 @@ def _run(
     row, light = np.zeros(n_all), np.zeros(n_slot)
     nodes, shown = np.zeros((3, n_slot, MOST_NODES + 2)), np.zeros((3, n_slot))
     met, reference, rarity, noise = np.zeros(5), np.zeros(5), np.zeros(5), np.zeros((5, 2))
+    lates = np.zeros((2, 3))  # log I - v by `sets`, where the reference is memorised and where v is looked at
     for i in some[chunk::N_CHUNK]:
         table, tilt, matrix = signals[i], tilts[i], information[i]
         for k in range(n_slot):
@@ -249,6 +263,7 @@ def _run(
                 level, velocity = 0.0, 0.0
                 for q in sets:
                     late_0, log_now, own = _look(start, light, nodes[q], values[q], crossfade)
+                    lates[0, q] = late_0
                     level, velocity = kept(refractory * own, pole)
                     added = before * told_noise * (level * noise[q, 0] + velocity * noise[q, 1])
                     reference[q] = log_now - late_0 + added
@@ -269,6 +284,7 @@ def _run(
                 fired = (at[k] - shift) % n_slot
                 for q in sets:
                     late, log_now, own = _look(fired, light, nodes[q], values[q], crossfade)
+                    lates[1, q] = late
                     if told_noise > 0:
                         noise[q, 0], spread_now, noise[q, 1] = lead_of(
                             lead, told_noise, late, own, fired, nodes[q], crossfade, pole
@@ -288,6 +304,7 @@ def _run(
             if not told:
                 continue
             slot_0, fade_0 = shown_at(start, late_0, light, crossfade)
+            answer_0 = _answer(lates[0], values[0], moved_by)
             if not last:
                 side = 0 if p > 0 else 1
                 threshold = thresholds[i, side]
@@ -298,9 +315,10 @@ def _run(
                 scale = np.sqrt(terms.scatter**2 + weigh[k])
                 factor = p / threshold / scale
                 row[:] = 0
+                answer = _answer(lates[1], values[0], moved_by)
                 slot, fade = shown_at(fired, late, light, crossfade)
-                _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
-                _add_light(row, -factor * (1 + late_0), slot_0, fade_0, leds, table, tilt, veil, band, n)
+                _add_light(row, factor * answer, slot, fade, leds, table, tilt, veil, band, n)
+                _add_light(row, -factor * answer_0, slot_0, fade_0, leds, table, tilt, veil, band, n)
                 for q in range(len(STIRRED)):
                     if moved_by[q] != 0:
                         more = met[q + 1] - met[0] - reference[q + 1] + reference[0]
@@ -326,7 +344,7 @@ def _run(
                 late_then, _, own_then = _look(earlier, light, nodes[0], values[0], crossfade)
                 more = _rarity(p, late_then + leak / own_then, own_then, slowest) - rarity[0]
                 row[timing + SHIFT] = more / EARLIER if abs(more) < KINK else 0.0
-                _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
+                _add_light(row, factor * answer, slot, fade, leds, table, tilt, veil, band, n)
                 slot, fade = phase_at(fired, crossfade, n_slot)
                 lit = 1 - values[0, DARK] / (own * tau)  # I / (I + dark)
                 _add_light(row, -factor * (1 + late * lit), slot, fade, leds, table, tilt, veil, band, n)
@@ -355,9 +373,11 @@ def _run(
                 row[:] = 0
                 factor = -sign / (threshold * scale)
                 late = nodes[0, where, 0]
+                lates[1] = nodes[:, where, 0]
+                answer = _answer(lates[1], values[0], moved_by)
                 slot, fade = shown_at(float(where), late, light, crossfade)
-                _add_light(row, factor * (1 + late), slot, fade, leds, table, tilt, veil, band, n)
-                _add_light(row, -factor * (1 + late_0), slot_0, fade_0, leds, table, tilt, veil, band, n)
+                _add_light(row, factor * answer, slot, fade, leds, table, tilt, veil, band, n)
+                _add_light(row, -factor * answer_0, slot_0, fade_0, leds, table, tilt, veil, band, n)
                 for q in range(len(STIRRED)):
                     moved = shown[q + 1, where] - shown[0, where] if q < NOISE else 0.0
                     if moved_by[q] != 0:

@@ -220,6 +220,24 @@ def test_with_a_lag_derivatives_hold_to_first_order(rng):
     np.testing.assert_allclose(found[which], expected[which], atol=0.03 * np.abs(expected[which]).max())
 
 
+@pytest.mark.parametrize("tau", [0.01, 0.3])
+def test_however_large_a_lag_the_derivative_by_all_light_is_right(rng, monkeypatch, tau):
+    """Of powers together, without other light: the shown light has one answer, whatever LEDs it comes from."""
+    monkeypatch.setattr("tests.solve.shared.test_kernel.VEIL", 1e-9)
+    monkeypatch.setattr("tests.solve.shared.test_kernel.ORDER", np.array([0, 1, 3, 2, 5, 4, 3, 3]))
+    case = Case.draw(rng, tau=tau)
+    case.values[1] = 1e-9  # no dark current
+    all_powers = np.zeros(case.width)
+    all_powers[case.n : case.n + N_LED] = 1
+
+    def cost(step):
+        sharp, blunt = (replace(case, scatter=s).sums(step * all_powers)[0].sum() for s in (0.3, 0.6))
+        return sharp - blunt
+
+    found = np.subtract(*(gradient(replace(case, scatter=s).sums()) @ all_powers for s in (0.3, 0.6)))
+    assert found == pytest.approx((cost(1e-6) - cost(-1e-6)) / 2e-6, rel=0.02)
+
+
 def test_the_information_is_a_symmetric_one(rng):
     case = Case.draw(rng, own=False, tau=0.01, noise=0.01)
     matrix = case.sums()[2]
