@@ -14,9 +14,9 @@ from evsdr.progress import Progress
 from evsdr.solve.background import relative_residuals
 from evsdr.solve.problem import lay_out
 
-# Of a residual's standard deviation, by which it may still move; guessed: 100 events then tell 0.2 of theirs. Measured on a sphere
-# of 32 x 32 before an EVK4: 0.002 in slots of 20 ms; 0.04 and 0.004 in slots of 2 ms; 0.7, 0.4, 0.3, 0.2 in slots of 0.5 ms
-STILL = 0.02
+# Of a residual's standard deviation, by which it may still move, root mean square; guessed. Measured before an EVK4 after each fit: a
+# blob of 256 x 256 in slots of 20 ms 0.07, 0.008, its error the same; a sphere of 32 x 32 in slots of 2 ms 0.15, 0.05, 0.26 -> 0.20 degrees
+STILL = 0.1
 MOST_TURNS = 8
 N_SHOWN = 2000  # pixels that show it
 MOST = 3.0  # standard deviations by which one residual may have moved
@@ -32,7 +32,10 @@ def follow(world: World, fitted: Fitted, solve: Decoder, progress: Progress) -> 
 
 
 def moves(world: World, fitted: Fitted) -> float:
-    """Say by how many of their standard deviations residuals move once photoreceptors follow a fit; 0 without a lag."""
+    """Say by how many of their standard deviations residuals move, root mean square, once photoreceptors follow a fit.
+
+    0 without a lag.
+    """
     if not world.lag:
         return 0.0
     some = sample_of(fitted, N_SHOWN)
@@ -42,4 +45,4 @@ def moves(world: World, fitted: Fitted) -> float:
         laid_out = lay_out(world.recording, pairs, mask, problem.illumination)
         u.append(relative_residuals(replace(problem, pairs=laid_out), some.solution))
     moved = np.abs(u[1] - u[0]) / fitted.solution.noise
-    return float(np.mean(np.minimum(moved, MOST))) if len(moved) else 0.0
+    return float(np.sqrt(np.mean(np.square(np.minimum(moved, MOST))))) if len(moved) else 0.0

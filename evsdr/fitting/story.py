@@ -250,8 +250,6 @@ def settle_events(
         found = find_shared(told, teacher)
         begun = replace(fitted, solution=fitted.solution.moved(found.moved)) if found else fitted
         before = sample_of(begun) if purpose == "sketch" else begun
-        if purpose == "again" and teacher.problem.n_pixel < fitted.problem.n_pixel:
-            before = replace(solve(world.problem(begun), begun, "touch", progress), problem=begun.problem)
         new = solve(replace(world, mask=before.problem.grid.mask).problem(before), before, purpose, progress)
         known = before.maps.mask & new.maps.mask
         if np.count_nonzero(known) < KEPT * np.count_nonzero(before.maps.mask & before.problem.grid.mask):
