@@ -71,6 +71,8 @@ def cases(large: bool = False) -> Iterator[Case]:
     yield Case("nothing", "")
     for value in (0.0, 1e-6, 1e-3, 0.05, 1.0, 1e2, 1e3, 1e6):
         yield Case("C_w / LED", f"{value:g}", Scene(constant_light=value))
+    for value in (0.0, 1e-3, 5e-3, 0.02, 0.05):
+        yield Case("C_w / LED", f"{value:g}, EVK4", Scene(constant_light=value), pixel=EventPixel())
     for value in (1e-5, 1e-3, 0.05, 1.0, 4.0, 6.0):
         yield Case("reflectance", f"{value:g}", Scene(reflectance=value))
     for value in (0.02, 0.1, 0.5, 1.0, 2.0):
@@ -90,8 +92,8 @@ def cases(large: bool = False) -> Iterator[Case]:
         yield Case("first time [us]", name, later_us=value)
     for value in (50.0, 500.0, 5e3, 1e6, 1e7):
         yield Case("slot [us]", f"{value:g}", slot_us=value)
-    yield Case("slot [us]", "50, EVK4", pixel=EventPixel(), slot_us=50.0)
-    yield Case("slot [us]", "1e+07, EVK4", pixel=EventPixel(), slot_us=1e7)
+    for value in (50.0, 500.0, 2e3, 1e7):
+        yield Case("slot [us]", f"{value:g}, EVK4", pixel=EventPixel(), slot_us=value)
     for value in (1.0, 5.0, 20.0, 70.0, 85.0, 89.0):
         yield Case("ring angle [deg]", f"{value:g}", Scene(ring_deg=value))
     for n_led, n_band in ((2, 1), (3, 1), (4, 4), (12, 12), (64, 8)):
