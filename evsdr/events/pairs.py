@@ -107,7 +107,7 @@ def pair_events(
     phases = *_single_phase(t, recording), *_single_phase(t + sensor.refractory_us, recording)
     fired, fired_inside, memorised, memorised_inside = phases
     ahead = left = np.zeros(len(t), np.float32)
-    answer = fixed = np.zeros((2, 0), np.float32)
+    answer, fixed = np.zeros((2, 0), np.float32), (0.0, 0.0)
     if receptors:
         shown = receptors.shown(offset, _positions(t, recording), 2.0 * p - 1)
         fired, memorised, ahead, left = shown.fired, shown.memorised, shown.ahead, shown.left
@@ -116,7 +116,7 @@ def pair_events(
     schedule, rounds = recording.schedule, recording.round_start_us
     last_us = rounds[-1] - 1e-3 if len(rounds) > 1 else float(t.max())
     risen = _risen(offset, t, last_us, recording, leak)
-    added = (ahead, left - risen[0]) if receptors is None else (ahead + fixed[0], left - risen[0] + fixed[1])
+    added = ahead + fixed[0], left - risen[0] + fixed[1]
     told = fired, fired_inside, memorised, memorised_inside, refractory_us, *added, answer
     pair_offset, start, end, polarity, bias, answers, n_dropped, n_close = pair(offset, p, t, *told)
     _check_pairs(len(end), n_dropped, n_close, sensor.refractory_us)
