@@ -11,7 +11,8 @@ from evsdr.solve.law import MEDIAN_OF_SQUARE
 MEAN_SIGMA, FIRST_SIGMA = (0.3, 0.3), (0.1, 0.1)
 SMALLEST_SPREAD = 0.003  # of the logarithm over the pixels: less is one value for all
 MOVING_SPREAD = 0.03  # the least of that until the mean is found: less would hold it
-LARGEST_VARIANCE = 0.25
+# More is gloss, or no contrast at all. Guessed: 0.2 each way; an EVK4 has 0.05, v2e by default 0.15
+LARGEST_VARIANCE = 0.04
 SAMPLE = 4000  # pixels that tell
 CURVED_SIGMA = (
     20.0  # of what curvature does to a logarithm, beside itself; measured: -15 on balls and a bumpy mesh

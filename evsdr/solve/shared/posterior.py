@@ -14,7 +14,7 @@ from evsdr.solve.noise import NOISE_RANGE
 from evsdr.solve.shared.kernel import ON, Terms, slowest_of
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.rig import N_TIMING, NOT_NEGATIVE, Basis, Rig, Told
-from evsdr.solve.threshold_spread import SMALLEST_SPREAD
+from evsdr.solve.threshold_spread import LARGEST_VARIANCE, SMALLEST_SPREAD
 from evsdr.solve.unknowns import (
     LARGEST_SLOPE,
     LARGEST_STEP,
@@ -212,9 +212,12 @@ class Posterior:
         return lsq_linear(root, root @ (unit * step), (unit * least, unit * most), method="bvls").x / unit
 
     def bounded(self, free: np.ndarray) -> np.ndarray:
-        """Keep what is shared to what can be: no negative times, no refractory period longer than any gap."""
-        free = np.where(np.isin(self.basis.owner, NOT_NEGATIVE), np.maximum(free, 0), free)
-        return np.where(self.basis.owner == "refractory", np.minimum(free, self.pixels.shortest), free)
+        """Keep what is shared to what can be: no negative times, no lag that is none, no refractory period longer than any gap."""
+        owner = self.basis.owner
+        least = np.where(
+            np.isin(owner, NOT_NEGATIVE), np.where(owner == "tau", self.pixels.quickest, 0), -np.inf
+        )
+        return np.clip(free, least, np.where(owner == "refractory", self.pixels.shortest, np.inf))
 
     def wanted(self, point: Point, told: Told, name: str) -> float:
         """Give how many standard deviations above 0 the events want what was not free (Rao 1948, score test)."""
@@ -275,7 +278,10 @@ class Posterior:
             n = point.theta.shape[1]
             left = np.einsum("nii->ni", np.linalg.inv(point.matrix[:, :n, :n]))[:, self.n_map :]
             off = point.theta[:, self.n_map :] - self.rig(point.free).log_threshold
-            spread = np.sqrt(np.maximum(np.mean(off**2 + left, axis=0), SMALLEST_SPREAD**2))
+            square = np.median(off**2, axis=0) / MEDIAN_OF_SQUARE + np.median(
+                left, axis=0
+            )  # of most: some sit in a wrong minimum
+            spread = np.sqrt(np.clip(square, SMALLEST_SPREAD**2, LARGEST_VARIANCE))
         heard = agreeing(point.residual, point.variance, self.pixels.events[0], scatter)
         new = replace(self, scatter=float(scatter), spread=spread, weigh=point.variance, heard=heard)
         return replace(new, sigma=new.learnt_sigma(point))

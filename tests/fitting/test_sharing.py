@@ -1,0 +1,78 @@
+"""Maps follow what pixels share, if that moves them."""
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from evsdr.effects.world import Fitted, Terms
+from evsdr.fitting import story
+from evsdr.progress import silent
+
+TERMS = Terms(shared=("lag",), limit_deg=0.05)
+
+
+@dataclass(frozen=True)
+class World:
+    """With what is told and what is found."""
+
+    terms: Terms = TERMS
+    recording: str = "told"
+    lag: str = "none"
+    leak: str = "none"
+    aim: str = "none"
+    found: object = None
+
+    def problem(self, fitted):
+        return "problem", self.lag
+
+
+@dataclass(frozen=True)
+class Maps:
+    """A solution that remembers by what it was moved."""
+
+    by: float = 0.0
+
+    def moved(self, by):
+        return replace(self, by=self.by + by[2])
+
+
+def found(turned_deg, scale):
+    moved = np.array([9.0, 9.0, scale, 0.0])  # slopes of the median pixel say nothing
+    return SimpleNamespace(inferred=SimpleNamespace(moved_deg=turned_deg), moved=moved)
+
+
+@pytest.mark.parametrize(
+    "decided, answer, fits",
+    [
+        (True, found(0.0, 0.0), True),
+        (True, None, True),
+        (False, found(0.09, 0.019), False),
+        (False, found(0.11, 0.0), True),
+        (False, found(0.0, -0.021), True),
+        (False, None, False),
+    ],
+)
+def test_another_fit_where_it_moves_maps(monkeypatch, decided, answer, fits):
+    monkeypatch.setattr(story, "decide", lambda when, world, *_: (replace(world, lag="found"), decided))
+    monkeypatch.setattr(story, "find_shared", lambda *_: answer)
+    monkeypatch.setattr(story, "follow", lambda world, fitted, *_: fitted)
+    asked = []
+
+    def solve(problem, before, purpose, progress):
+        asked.append((problem, purpose))
+        return before
+
+    told, begun = World(), World(lag="before")
+    world, fitted = story.share_anew(told, begun, Fitted(None, Maps(), None), None, solve, silent)
+    assert asked == ([(("problem", "found"), "again")] if fits else [])
+    assert world.lag == ("found" if fits else "before")
+    assert fitted.solution.by == (answer.moved[2] if fits and answer else 0)
+
+
+def test_who_stops_keeps_what_was_believed(monkeypatch):
+    monkeypatch.setattr(story, "decide", lambda when, world, *_: (world, False))
+    monkeypatch.setattr(story, "find_shared", lambda *_: found(9.0, 9.0))
+    begun, fitted = World(lag="before"), Fitted(None, Maps(), None)
+    assert story.share_anew(World(), begun, fitted, None, None, silent) == (begun, fitted)
