@@ -25,9 +25,6 @@ GUESSED_REFRACTORY_US = 200.0  # tolerance where the recording tells none
 CLEAR = 4.0  # standard deviations from which there is a lag, and a dark current
 # The same of noise without a clear lag; measured: noise of thresholds passes for 8, an EVK4 shows 22 in slots of 200 ms
 CLEAR_NOISE = 12.0
-# Photoreceptors of event cameras take that and more where darkness is as bright as usual, guessed: a lag that is at its bound and surely
-# shorter is none. Measured: scatter of thresholds of 20 to 40 % ends there, with sigmas of 0.4 to 0.9 us, as noise of 12 to 18 sigmas
-USUAL_US = 10.0
 # Light without a lag has kinks, which no event passes: its likelihood is not smooth in a shift
 WITH_LAG = "tau", "dark", "noise", "shift"
 WARNED = 3.0  # tolerances beyond which a value found is worth a warning
@@ -107,31 +104,25 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
     rig, activity = _told(world, pixels), world.background[0] if world.background else None
     start = _start(world, fitted, rig, row, pixels.dimness)
     found = infer(pixels, start, rig, told, tuple(names), activity)
-    if "tau" in names and found.wanted["dark"] > CLEAR and _lags(found, world, pixels):
+    if "tau" in names and found.wanted["dark"] > CLEAR and _lags(found, world):
         names = [*names, "dark"]
         found = infer(pixels, _from(found), rig, told, tuple(names), activity)
     untold_deg = 0.0
-    if "tau" in names and not _lags(found, world, pixels):
+    if "tau" in names and not _lags(found, world):
         names, with_lag = [name for name in names if name not in WITH_LAG], found
         found = infer(pixels, start, rig, told, tuple(names), activity)
         # Thresholds that scatter pass for noise of up to 14, but then of photoreceptors that lead (experiments.sigma, ideal)
         noisy = found.wanted["noise"] > CLEAR_NOISE and found.wanted["tau"] > 0
-        untold_deg = with_lag.turn_deg["lag"] if noisy and not _is_none(with_lag, pixels) else 0.0
+        untold_deg = with_lag.turn_deg["lag"] if noisy and not with_lag.no_lag else 0.0
     moved = np.median(found.theta - start.theta, axis=0)
     return SharedFound(found, tuple(names), told, sensor.refractory_us, pixels.slot_us, untold_deg, moved)
 
 
-def _lags(found: Inferred, world: "World", pixels: Pixels) -> bool:
+def _lags(found: Inferred, world: "World") -> bool:
     """Tell whether there is a lag, or noise as light shows it that is too slow for a lag, and whether they count."""
     rig, sigma = found.rig, found.sigma
     shows = rig.tau > CLEAR * sigma.tau or rig.noise > CLEAR_NOISE * sigma.noise
-    return shows and not _is_none(found, pixels) and found.turn_deg["lag"] > world.terms.limit_deg
-
-
-def _is_none(found: Inferred, pixels: Pixels) -> bool:
-    """Tell whether photoreceptors are surely quicker than those of event cameras."""
-    shorter = CLEAR * found.sigma.tau < USUAL_US * pixels.dimness / pixels.slot_us
-    return shorter and found.rig.tau <= pixels.quickest
+    return shows and not found.no_lag and found.turn_deg["lag"] > world.terms.limit_deg
 
 
 def _from(found: Inferred) -> Start:

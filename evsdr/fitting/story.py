@@ -41,6 +41,7 @@ from evsdr.fitting.tiling import tiles_of
 from evsdr.fitting.verdict import judge
 from evsdr.light.scene import RingScene
 from evsdr.light.tracing import trace_illumination
+from evsdr.metrics import angular_error_deg
 from evsdr.progress import Progress, Seconds, silent
 from evsdr.records import Recording
 from evsdr.solve.shared.rig import Told
@@ -81,6 +82,7 @@ FAR = 2.0  # limits by which better maps must turn normals, by what pixels share
 # The same of the logarithms of reflectances and thresholds; guessed. Measured on a blob of experiments.table1 after its lobe was
 # found: 0.05, RMSE 0.030 -> 0.010
 RESCALED = 0.02
+MOST_MODELS = 5  # of the surface, by residuals of maps under the one before; guessed
 
 
 def world_of(
@@ -132,10 +134,14 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
             world, fitted = share_anew(told, world, fitted, settings, solve, advance)
     matt = fitted
     with stages.stage("residuals") as advance:
-        for _ in range(2):
+        for turn in range(MOST_MODELS):
             world, changed = decide("settled", world, fitted, settings, advance)
+            before = fitted
             if changed:
                 fitted = solve(world.problem(fitted), fitted, "model", advance)
+            if turn and turned_deg(before, fitted) < FAR * world.terms.limit_deg:
+                break
+            if changed:
                 world, fitted = share_anew(told, world, fitted, settings, solve, advance)
     return world, fitted, matt, solve, notes
 
@@ -268,6 +274,13 @@ def settle_events(
         return world, fitted
     world, fitted = good
     return world, follow(world, fitted, solve, progress)
+
+
+def turned_deg(before: Fitted, fitted: Fitted) -> float:
+    """Give the mean angle [deg] between the normals that two fits know."""
+    known = before.maps.mask & fitted.maps.mask
+    angle = angular_error_deg(before.maps.normal[known], fitted.maps.normal[known])
+    return float(angle.mean()) if len(angle) else 0.0
 
 
 def moves_far(found: SharedFound | None, world: World) -> bool:

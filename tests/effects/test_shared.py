@@ -139,29 +139,9 @@ def test_a_lag_is_modelled_where_there_is_one():
 def test_noise_counts_where_light_is_too_slow_for_a_lag(tau, noise, turn_deg, lags):
     """Values in standard deviations; noise of thresholds passes for a little of it."""
     rig, sigma = SimpleNamespace(tau=tau, noise=0.01 * noise), SimpleNamespace(tau=1, noise=0.01)
-    found = SimpleNamespace(rig=rig, sigma=sigma, turn_deg={"lag": turn_deg})
-    pixels = SimpleNamespace(dimness=0.5, slot_us=1.0, quickest=0.5)
-    assert shared._lags(found, SimpleNamespace(terms=Terms()), pixels) == lags
-
-
-@pytest.mark.parametrize(
-    "tau_us, sigma_us, dimness, lags",
-    [
-        (1.0, 2.0, 1.0, False),  # scatter of thresholds passes for noise of one that is quicker than any
-        (3.0, 0.1, 1.0, True),
-        (1.0, 3.0, 1.0, True),  # light is too slow to tell
-        (0.01, 2.0, 0.01, True),  # in dim light the same number is a slower one
-        (0.01, 0.02, 0.01, False),
-    ],
-)
-def test_no_photoreceptor_is_as_quick_as_that(tau_us, sigma_us, dimness, lags):
-    rig, sigma = (
-        SimpleNamespace(tau=1e-4 * tau_us, noise=0.5),
-        SimpleNamespace(tau=1e-4 * sigma_us, noise=0.01),
-    )
-    found = SimpleNamespace(rig=rig, sigma=sigma, turn_deg={"lag": 1.0})
-    pixels = SimpleNamespace(dimness=dimness, slot_us=1e4, quickest=1e-4 * dimness)
-    assert shared._lags(found, SimpleNamespace(terms=Terms()), pixels) == lags
+    found = SimpleNamespace(rig=rig, sigma=sigma, turn_deg={"lag": turn_deg}, no_lag=False)
+    assert shared._lags(found, SimpleNamespace(terms=Terms())) == lags
+    assert not shared._lags(SimpleNamespace(**vars(found) | {"no_lag": True}), SimpleNamespace(terms=Terms()))
 
 
 def test_where_there_is_no_lag_the_search_begins_from_the_maps(monkeypatch):

@@ -76,3 +76,13 @@ def test_who_stops_keeps_what_was_believed(monkeypatch):
     monkeypatch.setattr(story, "find_shared", lambda *_: found(9.0, 9.0))
     begun, fitted = World(lag="before"), Fitted(None, Maps(), None)
     assert story.share_anew(World(), begun, fitted, None, None, silent) == (begun, fitted)
+
+
+def test_normals_turn_where_both_fits_know_them():
+    fits = []
+    for angle, known in ((0.0, [1, 1, 0]), (0.1, [1, 0, 1])):
+        normal = np.broadcast_to([np.sin(angle), 0, np.cos(angle)], (1, 3, 3))
+        fits.append(Fitted(None, None, SimpleNamespace(normal=normal, mask=np.array([known], bool))))
+    assert story.turned_deg(*fits) == pytest.approx(np.degrees(0.1))
+    unknown = Fitted(None, None, SimpleNamespace(normal=normal, mask=np.zeros((1, 3), bool)))
+    assert story.turned_deg(fits[0], unknown) == 0

@@ -75,6 +75,21 @@ def test_what_pixels_share_is_inferred_anew_under_a_lobe(given, monkeypatch):
     assert asked and not any(glossy for _, glossy, *_ in asked)
 
 
+@pytest.mark.parametrize("turned, asked", [([0], 2), ([1, 1, 0], 4), ([1] * 9, story.MOST_MODELS)])
+def test_surfaces_are_asked_for_until_normals_stand_still(given, monkeypatch, turned, asked):
+    """A lobe changes the residuals that tell it."""
+    decide, times = story.decide, []
+
+    def counted(when, *rest):
+        times.append(when)
+        return decide(when, *rest)
+
+    monkeypatch.setattr(story, "decide", counted)
+    monkeypatch.setattr(story, "turned_deg", lambda *_: turned[times.count("settled") - 2])
+    evsdr.fit(*given, replace(FAST, gloss="lobe"))
+    assert times.count("settled") == asked
+
+
 def test_what_pixels_share_is_inferred_anew_once_hidden_leds_are_known(given, monkeypatch):
     """A fit that sees all LEDs takes shadows for other thresholds and times."""
     asked, decide = [], story.decide

@@ -47,6 +47,8 @@ class Inferred:
         What all this leaves open of the normals, of the median pixel.
     log_reflectance_sigma : (n_band,) float
         The same of log reflectances.
+    no_lag : bool
+        Whether photoreceptors are surely quicker than those of event cameras.
     """
 
     rig: Rig
@@ -60,6 +62,7 @@ class Inferred:
     n_step: int
     normal_sigma_deg: float
     log_reflectance_sigma: np.ndarray
+    no_lag: bool = False
 
 
 def infer(
@@ -124,16 +127,18 @@ def infer(
         turn_deg(point.theta, response @ (point.free - begin)),
         n_step,
         *_left_open(point.theta[:, : posterior.n_map], response, around),
+        posterior.has_no_lag(point),
     )
 
 
 def _settle(posterior: Posterior, point: Point) -> tuple[Posterior, Point, int]:
-    """Make rounds of steps, and learn between them; gives the steps made, too."""
-    damped, n_step = Damping(np.full(len(point.theta), FIRST_DAMPING)), 0
+    """Make rounds of steps, and learn between them; gives the steps made, too. A lag that is none ends them."""
+    damped, n_step, no_lag = Damping(np.full(len(point.theta), FIRST_DAMPING)), 0, False
     for _ in range(N_ROUND):
         point, damped, length, made = _descend(posterior, posterior.at(point.theta, point.free), damped)
         before, posterior, n_step = posterior.scatter, posterior.learnt(point), n_step + made
-        if length < SETTLED and STILL < posterior.scatter / before < 1 / STILL:
+        had_none, no_lag = no_lag, posterior.has_no_lag(point)
+        if had_none and no_lag or length < SETTLED and STILL < posterior.scatter / before < 1 / STILL:
             break
     return posterior, point, n_step
 

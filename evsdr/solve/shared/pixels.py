@@ -28,8 +28,8 @@ FEW = 1e-3  # of the events, that may come sooner: noise
 # C_w that times of photoreceptors are made for, and what a C_w of 0 counts as
 USUAL_DARK, LEAST_DARK = 0.05, 1e-9
 # Photoreceptors that are quicker (where darkness is as bright as usual) are none: what is not normal in thresholds' scatter passes for
-# noise of one of 0.1 us, and a search there ends at no contrast at all. Guessed: those of event cameras take 10 us and more
-QUICKEST_US = 1.0
+# noise of one of 0.1 us, and a search there ends at no contrast at all. Guessed; those of event cameras take the second and more, guessed
+QUICKEST_US, USUAL_US = 1.0, 10.0
 STEPS = {"tau": 1e-5, "dark": 1e-4, "noise": 1e-5, "pole": 1e-2}  # for derivatives
 
 
@@ -79,6 +79,11 @@ class Pixels:
     def quickest(self) -> float:
         """Give the least time constant of photoreceptors at I = 1 [slots]."""
         return QUICKEST_US * self.dimness / self.slot_us
+
+    @property
+    def usual(self) -> float:
+        """Give that from which event cameras have one [slots]."""
+        return USUAL_US * self.dimness / self.slot_us
 
     @cached_property
     def shortest(self) -> float:

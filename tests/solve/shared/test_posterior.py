@@ -1,6 +1,7 @@
 """The posterior of maps and of what pixels share: its steps, what it leaves open, and which pixels it hears."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from scipy.optimize import minimize
 
 from evsdr.solve.shared.infer import _posterior
 from evsdr.solve.shared.pixels import vector_of
-from evsdr.solve.shared.posterior import SLACK, Start
+from evsdr.solve.shared.posterior import SLACK, Posterior, Start
 from evsdr.solve.shared.rig import NOT_NEGATIVE, Told, across
 from evsdr.solve.threshold_spread import LARGEST_VARIANCE
 from evsdr.solve.unknowns import TIED, to_normal, weak_prior
@@ -141,6 +142,28 @@ def test_slopes_of_kinds_of_events_add_up(posterior, point):
     np.testing.assert_allclose(again.gradient, point.gradient, atol=1e-9 * np.abs(point.gradient).max())
     np.testing.assert_array_equal(again.matrix, point.matrix)
     assert slope.shape[:2] == (len(point.theta), 3) and np.abs(slope).max(axis=(0, 2)).min() > 0
+
+
+@pytest.mark.parametrize(
+    "tau_us, sigma_us, dimness, none",
+    [
+        (1.0, 2.0, 1.0, True),  # scatter of thresholds passes for noise of one that is quicker than any
+        (3.0, 0.1, 1.0, False),
+        (1.0, 3.0, 1.0, False),  # light is too slow to tell
+        (0.1, 2.0, 0.1, False),  # in dim light the same number is a slower one
+        (0.1, 0.2, 0.1, True),
+    ],
+)
+def test_no_photoreceptor_is_as_quick_as_that(case, monkeypatch, tau_us, sigma_us, dimness, none):
+    complement = np.array([[(1e-4 * sigma_us) ** -2]])  # slots of 10 ms
+    monkeypatch.setattr(Posterior, "solve", lambda *_: (None, None, None, complement))
+    start = Start(case.solution.theta[case.row].astype(float), case.told, np.ones(2), 0.02)
+    light = SimpleNamespace(constant_light=[0.05 * dimness], band=case.pixels.light.band)
+    pixels = replace(case.pixels, model=SimpleNamespace(illumination=light))
+    posterior = replace(_posterior(case.pixels, start, case.told, Told(), ("tau",)), pixels=pixels)
+    assert posterior.has_no_lag(SimpleNamespace(free=np.array([1e-4 * tau_us]))) == none
+    without = _posterior(case.pixels, start, case.told, Told(), ("noise",))
+    assert not without.has_no_lag(SimpleNamespace(free=np.zeros(1)))
 
 
 def test_the_spread_of_thresholds_is_that_of_most_pixels():
