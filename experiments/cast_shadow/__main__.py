@@ -4,7 +4,7 @@ import argparse
 
 import numpy as np
 
-from .compute import MESHES, REPOSITORY, Result, cases, data_folder, run
+from .compute import MESHES, REPOSITORY, WAYS, Result, cases, data_folder, run
 
 OUT = REPOSITORY / "out" / "cast_shadow"
 COLUMNS = {
@@ -32,6 +32,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene", nargs="*", help="names of scenes; all by default")
     parser.add_argument("--size", type=int, default=48, help="width and height [pixels]")
+    parser.add_argument(
+        "--ways", nargs="+", choices=WAYS, default=list(WAYS), metavar="WAY", help="all by default"
+    )
     options = parser.parse_args()
     from .draw import draw
 
@@ -40,7 +43,7 @@ def main() -> None:
     for case in cases(OUT):
         if options.scene and case.name not in options.scene:
             continue
-        results = run(case, options.size)
+        results = run(case, options.size, options.ways)
         common = np.all([result.known for result in results], axis=0)
         for result in results:
             print(line([case.name, *cells(result, common)]), flush=True)

@@ -2,6 +2,7 @@
 
 import os
 import warnings
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -188,19 +189,19 @@ def write_moved_pole(folder: Path) -> Path:
     return folder / "sphere_pole.xml"
 
 
-def run(case: Case, size: int) -> list[Result]:
-    """Record once, fit in each way; where `auto` finds hidden LEDs, it is `latent`."""
+def run(case: Case, size: int, ways: Sequence[str] = tuple(WAYS)) -> list[Result]:
+    """Record once, fit in each of some ways; where `auto` finds hidden LEDs, it is `latent`."""
     recording, truth = evsdr.simulate(evsdr.load_scene(case.scene, size=size))
     shadow, recording = true_shadow(case.scene, truth, size), one_value(recording)
     results = {}
-    for way, settings in WAYS.items():
-        if way == "latent" and results["auto"].found is not None:
+    for way in ways:
+        if way == "latent" and "auto" in results and results["auto"].found is not None:
             results[way] = replace(results["auto"], way=way)
             continue
         scene = evsdr.load_scene(case.known if way == "scene" else case.told, size=size)
         with warnings.catch_warnings(), events_alone() if way == "events" else nullcontext():
             warnings.simplefilter("ignore", InputWarning)
-            fit = evsdr.fit(scene, recording, settings, truth.mask)
+            fit = evsdr.fit(scene, recording, WAYS[way], truth.mask)
         found, seconds = found_hidden(fit, shadow, truth), sum(fit.summary["seconds"].values())
         results[way] = Result(way, fit.maps, truth, shadow.hidden, found, seconds)
     return list(results.values())

@@ -98,6 +98,7 @@ def test_each_way_is_told_what_it_may_know(tmp_path, monkeypatch, found):
         assert known == (way == "scene") and untraced == (way == "events") and mask is truth.mask
         assert sensor.contrast_threshold_on == pytest.approx(EventPixel().contrast_threshold_on, rel=0.02)
         assert isinstance(sensor.contrast_threshold_off, float)
+    assert [r.way for r in compute.run(relief, SIZE, ["latent", "scene"])] == ["latent", "scene"]
 
 
 def test_the_picture(tmp_path):
