@@ -15,6 +15,8 @@ import numpy as np
 from evsdr import angular_error_deg
 from evsdr.files.daylight import reflectance_to_srgb
 
+WITHIN = 0.99  # of the pixels lie within the scale of an error
+
 
 def draw(folder: Path, truth_path: Path, picture: Path) -> None:
     """Draw the maps of a fit beside their errors."""
@@ -35,11 +37,11 @@ def draw(folder: Path, truth_path: Path, picture: Path) -> None:
     axes[0].set_title("surface normal")
     axes[1].imshow(np.where(white, 1, colour))
     axes[1].set_title("reflectance, D65")
-    for axis, error, highest, title in (
-        (axes[2], angle, 5, f"angle: {np.nanmean(angle):.2f}° mean"),
-        (axes[3], rmse, 0.2, f"reflectance: {np.nanmean(rmse):.3f} RMSE"),
+    for axis, error, title in (
+        (axes[2], angle, f"angle: {np.nanmean(angle):.2f}° mean"),
+        (axes[3], rmse, f"reflectance: {np.nanmean(rmse):.3f} RMSE"),
     ):
-        image = axis.imshow(error, vmin=0, vmax=highest, cmap="magma")
+        image = axis.imshow(error, vmin=0, vmax=np.nanquantile(error, WITHIN), cmap="magma")
         axis.set_title(title)
         top.colorbar(image, ax=axis, shrink=0.7, extend="max")
     for b, axis in enumerate(bottom.subplots(1, maps["reflectance"].shape[-1], squeeze=False)[0]):

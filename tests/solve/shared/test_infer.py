@@ -11,7 +11,7 @@ from evsdr.records import Recording, Schedule, Sensor
 from evsdr.solve.shared import infer as search
 from evsdr.solve.shared.infer import infer
 from evsdr.solve.shared.pixels import turned as turned_light
-from evsdr.solve.shared.posterior import Start
+from evsdr.solve.shared.posterior import Posterior, Start
 from evsdr.solve.shared.rig import GROUPS, Told
 from evsdr.solve.unknowns import to_normal
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
@@ -104,6 +104,15 @@ def test_a_search_that_ends_at_a_bound_begins_again(monkeypatch):
     found, slot_us = case.infer(), case.recording.schedule.slot_us
     assert [slot_us * value for value in begun] == pytest.approx([52, 52])
     assert found.rig.refractory * slot_us == pytest.approx(52, abs=5)
+
+
+def test_a_search_for_a_lag_that_is_none_ends_after_two_rounds(wrong, monkeypatch):
+    """One round may have gone too far."""
+    answers = iter([True, False, True, True, True])
+    monkeypatch.setattr(Posterior, "has_no_lag", lambda *_: next(answers))
+    monkeypatch.setattr(search, "SETTLED", 0.0)
+    found = wrong.infer(("tau", "powers"))
+    assert found.n_step == 4 * search.N_STEP and found.no_lag and not list(answers)
 
 
 def test_a_lag_is_found():
