@@ -27,8 +27,8 @@ CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more 
 FEW = 1e-3  # of the events, that may come sooner: noise
 # C_w that times of photoreceptors are made for, and what a C_w of 0 counts as
 USUAL_DARK, LEAST_DARK = 0.05, 1e-9
-# Photoreceptors that are quicker (where darkness is as bright as usual) are none: what is not normal in thresholds' scatter passes for
-# noise of one of 0.1 us, and a search there ends at no contrast at all. Guessed; those of event cameras take the second and more, guessed
+# Photoreceptors that are quicker than the first (where darkness is as bright as usual) are none: thresholds' scatter passes for noise of
+# one of 0.1 us, and a search there ends at no contrast at all. Those of event cameras take the second and more. Both guessed
 QUICKEST_US, USUAL_US = 1.0, 10.0
 STEPS = {"tau": 1e-5, "dark": 1e-4, "noise": 1e-5, "pole": 1e-2}  # for derivatives
 

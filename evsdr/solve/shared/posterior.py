@@ -217,9 +217,8 @@ class Posterior:
     def bounded(self, free: np.ndarray) -> np.ndarray:
         """Keep what is shared to what can be: no negative times, no lag that is none, no refractory period longer than any gap."""
         owner = self.basis.owner
-        least = np.where(
-            np.isin(owner, NOT_NEGATIVE), np.where(owner == "tau", self.pixels.quickest, 0), -np.inf
-        )
+        least = np.where(np.isin(owner, NOT_NEGATIVE), 0, -np.inf)
+        least = np.where(owner == "tau", self.pixels.quickest, least)
         return np.clip(free, least, np.where(owner == "refractory", self.pixels.shortest, np.inf))
 
     def has_no_lag(self, point: Point) -> bool:
@@ -289,9 +288,8 @@ class Posterior:
             n = point.theta.shape[1]
             left = np.einsum("nii->ni", np.linalg.inv(point.matrix[:, :n, :n]))[:, self.n_map :]
             off = point.theta[:, self.n_map :] - self.rig(point.free).log_threshold
-            square = np.median(off**2, axis=0) / MEDIAN_OF_SQUARE + np.median(
-                left, axis=0
-            )  # of most: some sit in a wrong minimum
+            most = np.median(off**2, axis=0) / MEDIAN_OF_SQUARE  # some sit in a wrong minimum
+            square = most + np.median(left, axis=0)
             spread = np.sqrt(np.clip(square, SMALLEST_SPREAD**2, LARGEST_VARIANCE))
         heard = agreeing(point.residual, point.variance, self.pixels.events[0], scatter)
         new = replace(self, scatter=float(scatter), spread=spread, weigh=point.variance, heard=heard)
