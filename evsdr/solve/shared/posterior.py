@@ -26,9 +26,6 @@ from evsdr.solve.unknowns import (
 LEARNT = "powers", "directions"  # many of a kind: how well they are told shows in how far they are off
 AGREES = 3.5  # standard deviations of a pixel's misfit from that of most, within which it is heard
 ROBUST = 3.0  # width of Cauchy's cost in standard deviations, as for maps where thresholds are unknown
-# Standard deviations that a lag is from usual ones where it is none; guessed. Measured: scatter of thresholds of 20 to 40 % ends at the
-# quickest with sigmas of 0.4 to 0.9 us, as noise of 12 to 18 of its own
-SURE = 4.0
 SLACK = 0.5  # log likelihood that a pixel may lose in a step
 SLOPE_TERM = gaussian_share(ROBUST)
 
@@ -221,13 +218,9 @@ class Posterior:
         least = np.where(owner == "tau", self.pixels.quickest, least)
         return np.clip(free, least, np.where(owner == "refractory", self.pixels.shortest, np.inf))
 
-    def has_no_lag(self, point: Point) -> bool:
-        """Tell whether photoreceptors are as quick as can be, and surely quicker than those of event cameras."""
-        tau = self.basis.owner == "tau"
-        if not tau.any() or point.free[tau] > self.pixels.quickest:
-            return False
-        variance = np.diag(np.linalg.inv(self.solve(point)[3]))[tau]
-        return bool(SURE * np.sqrt(variance) < self.pixels.usual)
+    def lacks_lag(self, point: Point) -> bool:
+        """Tell whether photoreceptors are as quick as can be."""
+        return bool((point.free[self.basis.owner == "tau"] <= self.pixels.quickest).any())
 
     def wanted(self, point: Point, told: Told, name: str) -> float:
         """Give how many standard deviations above 0 the events want what was not free (Rao 1948, score test)."""

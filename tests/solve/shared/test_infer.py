@@ -93,10 +93,10 @@ def test_a_search_that_ends_at_a_bound_begins_again(monkeypatch):
     """And what is likelier is kept: here the second search, whose first found no refractory period."""
     case, begun, settle = Case.sphere(seed=0, **QUIET), [], search._settle
 
-    def stuck(posterior, point):
+    def stuck(posterior, point, tolerance):
         begun.append(posterior.rig(point.free).refractory)
         if len(begun) > 1:
-            return settle(posterior, point)
+            return settle(posterior, point, tolerance)
         free = np.where(posterior.basis.owner == "refractory", 0, point.free)
         return posterior, posterior.at(point.theta, free), 0
 
@@ -109,7 +109,8 @@ def test_a_search_that_ends_at_a_bound_begins_again(monkeypatch):
 def test_a_search_for_a_lag_that_is_none_ends_after_two_rounds(wrong, monkeypatch):
     """One round may have gone too far."""
     answers = iter([True, False, True, True, True])
-    monkeypatch.setattr(Posterior, "has_no_lag", lambda *_: next(answers))
+    monkeypatch.setattr(Posterior, "lacks_lag", lambda *_: True)
+    monkeypatch.setattr(search, "_no_lag", lambda *_: next(answers))
     monkeypatch.setattr(search, "SETTLED", 0.0)
     found = wrong.infer(("tau", "powers"))
     assert found.n_step == 4 * search.N_STEP and found.no_lag and not list(answers)
