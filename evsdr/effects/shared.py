@@ -83,7 +83,9 @@ class SharedFound:
 
 
 def find_shared(world: "World", fitted: "Fitted") -> SharedFound | None:
-    """Infer what pixels share, or remember it; None if too few pixels tell."""
+    """Infer what pixels share, or remember it; None if it is not asked for, or too few pixels tell."""
+    if not (world.terms.shared and world.terms.thorough):
+        return None
     return world.memo("shared", (fitted,), lambda: _infer(world, fitted))
 
 

@@ -303,8 +303,10 @@ def share_anew(
     before = replace(world, recording=told.recording, lag=told.lag, leak=told.leak, aim=told.aim, found=None)
     seen = replace(fitted, problem=before.problem(fitted))
     new, changed = decide("alone", before, seen, settings, progress)
-    found = find_shared(before, seen) if world.terms.shared and world.terms.thorough else None
-    if new is before or not changed and not moves_far(found, world):
+    if new is before:  # as told to stop
+        return world, fitted
+    found = find_shared(before, seen)
+    if not changed and not moves_far(found, world):
         return world, fitted
     fitted = moved_with(found, fitted)
     fitted = solve(new.problem(fitted), fitted, "again", progress)

@@ -160,6 +160,11 @@ def test_where_there_is_no_lag_the_search_begins_from_the_maps(monkeypatch):
     assert np.abs(found.inferred.rig.log_threshold).max() < 0.05 and found.untold_deg == 0
 
 
+@pytest.mark.parametrize("terms", [Terms(shared=()), Terms(shared=("lag",), thorough=False)])
+def test_what_is_not_asked_for_is_not_inferred(terms):
+    assert find_shared(SimpleNamespace(terms=terms), None) is None
+
+
 def test_few_pixels_tell_nothing():
     recording, light, normal, mask = sphere_recording(18, event_noise=0.05)
     few = np.zeros_like(mask)

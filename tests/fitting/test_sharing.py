@@ -71,17 +71,9 @@ def test_another_fit_where_it_moves_maps(monkeypatch, decided, answer, fits):
     assert fitted.solution.by == (answer.moved[2] if fits and answer else 0)
 
 
-@pytest.mark.parametrize("terms", [Terms(shared=()), Terms(shared=("lag",), thorough=False)])
-def test_what_is_not_asked_for_is_not_inferred(monkeypatch, terms):
-    monkeypatch.setattr(story, "decide", lambda when, world, *_: (replace(world, lag="found"), False))
-    monkeypatch.setattr(story, "find_shared", lambda *_: pytest.fail("inferred"))
-    begun, fitted = World(terms, lag="before"), Fitted(None, Maps(), None)
-    assert story.share_anew(World(terms), begun, fitted, None, None, silent) == (begun, fitted)
-
-
 def test_who_stops_keeps_what_was_believed(monkeypatch):
     monkeypatch.setattr(story, "decide", lambda when, world, *_: (world, False))
-    monkeypatch.setattr(story, "find_shared", lambda *_: found(9.0, 9.0))
+    monkeypatch.setattr(story, "find_shared", lambda *_: pytest.fail("inferred"))
     begun, fitted = World(lag="before"), Fitted(None, Maps(), None)
     assert story.share_anew(World(), begun, fitted, None, None, silent) == (begun, fitted)
 
