@@ -71,9 +71,6 @@ class Problem:
     def at(self, row: np.ndarray, grid: Grid) -> "Problem":
         """Keep some pixels, which are those of a grid: rows (n,) int, growing."""
         index = owned(type(self.pairs.first), row)
-        view = self.view
-        if view is not None and dr.width(view) > 1:
-            view = dr.gather(type(view), view, index)
         return replace(
             self,
             pixel=self.pixel[row],
@@ -81,7 +78,7 @@ class Problem:
             pairs=self.pairs.at(index),
             illumination=self.illumination.gather(index),
             grid=grid,
-            view=view,
+            **self._surface_at(index),
             start=None if self.start is None else self.start[row],
             visible=None if self.visible is None else self.visible[:, row],
         )
@@ -99,8 +96,10 @@ class Problem:
 
     def model_at(self, index) -> LambertianRing | RoughRing | GlossyRing | MetalRing:
         """Give the forward model of some pixels, told by a UInt32."""
-        surface = {name: picked(getattr(self, name), index) for name in ("lobe", "metal", "rough", "view")}
-        return replace(self, illumination=self.illumination.gather(index), **surface).model
+        return replace(self, illumination=self.illumination.gather(index), **self._surface_at(index)).model
+
+    def _surface_at(self, index) -> dict:
+        return {name: picked(getattr(self, name), index) for name in ("lobe", "metal", "rough", "view")}
 
 
 def make_problem(
