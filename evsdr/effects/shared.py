@@ -65,6 +65,8 @@ class SharedFound:
     told_refractory_us, slot_us : float
     untold_deg : float
         By which normals would turn if noise of photoreceptors, which the events want but do not tell from others, were in.
+    no_lag : bool
+        Whether photoreceptors are surely quicker than those of event cameras.
     moved : (n_unknown,) float64, optional
         By how much the unknowns of the median pixel moved.
     """
@@ -75,6 +77,7 @@ class SharedFound:
     told_refractory_us: float
     slot_us: float
     untold_deg: float = 0.0
+    no_lag: bool = False
     moved: np.ndarray | None = None
 
     def us(self, name: str) -> tuple[float, float]:
@@ -105,19 +108,29 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
         names = [name for name in names if name not in WITH_LAG]
     rig, activity = _told(world, pixels), world.background[0] if world.background else None
     start = _start(world, fitted, rig, row, pixels.dimness)
-    found = infer(pixels, start, rig, told, tuple(names), activity)
+    without = [name for name in names if name not in WITH_LAG]
+    before, untold_deg, no_lag = world.found or _last(world.decisions), 0.0, False
+    if "tau" in names and before and before.no_lag:
+        found = infer(pixels, start, rig, told, tuple(without), activity)
+        no_lag = found.wanted["tau"] < CLEAR
+    if no_lag:
+        names = without
+    else:
+        found = infer(pixels, start, rig, told, tuple(names), activity)
+        no_lag = found.no_lag
     if "tau" in names and found.wanted["dark"] > CLEAR and _lags(found, world):
         names = [*names, "dark"]
         found = infer(pixels, _from(found), rig, told, tuple(names), activity)
-    untold_deg = 0.0
     if "tau" in names and not _lags(found, world):
-        names, with_lag = [name for name in names if name not in WITH_LAG], found
+        names, with_lag = without, found
         found = infer(pixels, start, rig, told, tuple(names), activity)
         # Thresholds that scatter pass for noise of up to 14, but then of photoreceptors that lead (experiments.sigma, ideal)
         noisy = found.wanted["noise"] > CLEAR_NOISE and found.wanted["tau"] > 0
-        untold_deg = with_lag.turn_deg["lag"] if noisy and not with_lag.no_lag else 0.0
+        untold_deg = with_lag.turn_deg["lag"] if noisy and not no_lag else 0.0
     moved = np.median(found.theta - start.theta, axis=0)
-    return SharedFound(found, tuple(names), told, sensor.refractory_us, pixels.slot_us, untold_deg, moved)
+    return SharedFound(
+        found, tuple(names), told, sensor.refractory_us, pixels.slot_us, untold_deg, no_lag, moved
+    )
 
 
 def _lags(found: Inferred, world: "World") -> bool:
@@ -153,14 +166,19 @@ def _start(world: "World", fitted: "Fitted", told: Rig, row: np.ndarray, dimness
     return Start(theta, rig, spread, solution.noise)
 
 
+def _last(decisions: dict[str, Decision]) -> SharedFound | None:
+    """Give what was found last of what pixels share."""
+    return next((d.answer for d in reversed(decisions.values()) if isinstance(d.answer, SharedFound)), None)
+
+
 def widened(maps: Maps, decisions: dict[str, Decision]) -> Maps:
     """Add to the sigmas of maps what is left open of what pixels share, and what of it the events want but do not tell."""
-    found = [d.answer for d in decisions.values() if isinstance(d.answer, SharedFound)]
+    found = _last(decisions)
     if not found:
         return maps
-    open_deg = np.hypot(found[-1].inferred.normal_sigma_deg, found[-1].untold_deg)
+    open_deg = np.hypot(found.inferred.normal_sigma_deg, found.untold_deg)
     angle = np.where(maps.mask, open_deg, 0)
-    relative = found[-1].inferred.log_reflectance_sigma * maps.reflectance
+    relative = found.inferred.log_reflectance_sigma * maps.reflectance
     return replace(
         maps,
         normal_sigma_deg=np.hypot(maps.normal_sigma_deg, angle, dtype=np.float32),

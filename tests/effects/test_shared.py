@@ -1,6 +1,6 @@
 """What pixels share is inferred once, and each effect takes its part, or says why not."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import mitsuba as mi
@@ -86,9 +86,11 @@ def test_values_are_written_with_their_sigma():
     assert plus_minus((51.23, 0.456)) == "51.2 +- 0.46 us"
 
 
+@dataclass(frozen=True)
 class RealWorld(SmallWorld):
     """With what an inference looks at."""
 
+    decisions: dict = field(default_factory=dict)
     found, ring, background, clock_us = None, None, None, 0.0
 
     @property
@@ -158,6 +160,21 @@ def test_where_there_is_no_lag_the_search_begins_from_the_maps(monkeypatch):
     assert len(starts) == 2 and starts[1] is starts[0] and "tau" not in found.names
     np.testing.assert_array_equal(starts[0].theta, case.solution.all_theta[case.row])
     assert np.abs(found.inferred.rig.log_threshold).max() < 0.05 and found.untold_deg == 0
+
+
+@pytest.mark.parametrize(("cutoff_hz", "asked"), [(0.0, [False]), (3000.0, [False, True])])
+def test_a_lag_that_was_none_is_asked_for_again_only_where_events_want_it(cutoff_hz, asked, monkeypatch):
+    lag_asked, infer = [], shared.infer
+
+    def listened(pixels, start, rig, told, names, *rest):
+        lag_asked.append("tau" in names)
+        return infer(pixels, start, rig, told, names, *rest)
+
+    monkeypatch.setattr(shared, "infer", listened)
+    world, fitted = given(Case.sphere(size=18, thresholds=True, event_noise=0.1, cutoff_hz=cutoff_hz))
+    before = replace(decision(LedPowers()), answer=replace(found(), no_lag=True))
+    again = find_shared(replace(world, decisions={"before": before}), fitted)
+    assert lag_asked == asked and ("tau" in again.names) == bool(cutoff_hz) == (not again.no_lag)
 
 
 @pytest.mark.parametrize("terms", [Terms(shared=()), Terms(shared=("lag",), thorough=False)])
