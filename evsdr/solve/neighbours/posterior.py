@@ -27,7 +27,7 @@ from evsdr.solve import triangles
 from evsdr.solve.grid import Grid, Links
 from evsdr.solve.neighbours import system as joint
 from evsdr.solve.neighbours.priors import Learnt, Prior, integrable, smooth_normals, smooth_reflectance
-from evsdr.solve.neighbours.spectra import Spectra, learn_spectra
+from evsdr.solve.neighbours.spectra import Spectra, is_known, learn_spectra
 from evsdr.solve.neighbours.student import FREEDOM, learn_scatter, update_scatter
 from evsdr.solve.unknowns import Unknowns
 
@@ -132,7 +132,7 @@ def find_posterior(
     inverse = _invert(triangles.added(data[2], unknowns.prior(theta, [], 1.0)[2]))
     learnt = [Scale.learn(prior, theta, inverse, links, sample) for prior in _chosen(priors, unknowns)]
     scales = [scale for scale in learnt if scale]
-    spectra = _learn_spectra(theta, inverse, unknowns, sample) if "spectra" in priors.parts else None
+    spectra = _learn_spectra(theta, inverse, unknowns, links, sample) if "spectra" in priors.parts else None
     damping = dr.zeros(Float, dr.width(theta[0]))
     dr.make_opaque(damping)
     now = first = Climb(theta, data, damping, inverse, scales)
@@ -323,11 +323,22 @@ def _numpy(value) -> np.ndarray:
     return np.asarray(value) if isinstance(value, float) else value.numpy()
 
 
-def _learn_spectra(theta: list, inverse: list, unknowns: Unknowns, sample: np.ndarray) -> Spectra | None:
-    bands = range(2, unknowns.n_map)
-    log_r = np.stack([theta[i].numpy()[sample] for i in bands], axis=-1).astype(float)
-    r, noise = np.exp(log_r), triangles.block(inverse, bands, sample)
-    return learn_spectra(r, noise * r[:, :, None] * r[:, None, :])
+def _learn_spectra(
+    theta: list, inverse: list, unknowns: Unknowns, links: Links, sample: np.ndarray
+) -> Spectra | None:
+    bands, right = range(2, unknowns.n_map), links.index["right"].numpy()[sample]
+    r, noise = _reflectances(theta, inverse, bands, sample)
+    beside, noise_beside = _reflectances(theta, inverse, bands, right)
+    beside[~(links.exists["right"].numpy()[sample] & is_known(noise_beside))] = np.nan
+    return learn_spectra(r, noise, beside)
+
+
+def _reflectances(
+    theta: list, inverse: list, bands: range, some: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Give reflectances of some pixels, and the covariances of their noise."""
+    r = np.exp(np.stack([theta[i].numpy()[some] for i in bands], axis=-1).astype(float))
+    return r, triangles.block(inverse, bands, some) * r[:, :, None] * r[:, None, :]
 
 
 # ---------------------------------------------------------------------- how well unknowns are known

@@ -77,7 +77,6 @@ def add_spectra(spectra: LearntSpectra, theta: list, gradient: list, matrix: lis
     """Add the prior on spectra to gradient and matrix.
 
     It speaks of colours, of the multiple of a spectrum that is nearest to the mean: how bright a pixel is in all, is free.
-    Pixels of one surface are not so many draws of that.
     """
     gradient, matrix, n_band = list(gradient), list(matrix), len(spectra.mean)
     r = [dr.exp(t) for t in theta[2 : 2 + n_band]]
@@ -91,7 +90,7 @@ def add_spectra(spectra: LearntSpectra, theta: list, gradient: list, matrix: lis
     off = [-mean / (nearest * value) for value, mean in zip(r, spectra.mean)]
     noise = triangles.rows(inverse, range(2, 2 + n_band))
     spread = sum(p * noise[i][j] for i, row in enumerate(precision) for j, p in enumerate(row))
-    weight = (FREEDOM + n_band) / (FREEDOM + quadratic(precision, off) + spread)
+    weight = spectra.share * (FREEDOM + n_band) / (FREEDOM + quadratic(precision, off) + spread)
     for i, row in enumerate(precision):
         gradient[2 + i] = gradient[2 + i] + weight * sum(p * o for p, o in zip(row, off))
         for j in range(i + 1):

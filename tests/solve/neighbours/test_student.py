@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from evsdr.solve.neighbours.spectra import learn_spectra
+from evsdr.solve.neighbours.spectra import learn_spectra, own_share
 from evsdr.solve.neighbours.student import learn_scatter, update_scatter
 
 N = 3000
@@ -67,3 +67,37 @@ def test_the_rank_of_spectra_is_found(rank, rng):
 def test_unknown_pixels_teach_nothing(rng):
     r = rng.uniform(0, 1, (N, 8))
     assert learn_spectra(r, np.tile(0.2**2 * np.eye(8), (N, 1, 1))) is None
+
+
+def markov_field(correlation: float, n: int, rng) -> np.ndarray:
+    """Draw colours (n, n, 8) whose neighbours are correlated along both axes, of variance 1."""
+    field = rng.normal(size=(n, n, 8))
+    for axis in (0, 1):
+        field = np.moveaxis(field, axis, 0)
+        for k in range(1, n):
+            field[k] = correlation * field[k - 1] + np.sqrt(1 - correlation**2) * field[k]
+        field = np.moveaxis(field, 0, axis)
+    return field
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
+def test_a_pixel_is_as_much_of_a_draw_as_its_neighbours_do_not_tell(correlation, rng):
+    """Beside what is left of a pixel's variance when a field of 9 x 9 around it is known, by brute force."""
+    n = 9
+    along = correlation ** np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    left = 1 / np.linalg.inv(np.kron(along, along))[n * n // 2, n * n // 2]
+    r = 1 + 0.02 * markov_field(correlation, 100, rng)
+    mean, precision = np.ones(8), np.eye(8) / 0.02**2
+    share = own_share(r[:, :-1].reshape(-1, 8), r[:, 1:].reshape(-1, 8), mean, precision)
+    assert share == pytest.approx(left, abs=0.08)  # robust weights see the correlation a little low
+
+
+def test_spectra_of_patches_count_little(rng):
+    """Each pixel of 16 colours in patches of 10 x 10 pixels; alone each would be a draw."""
+    patch = 0.5 + 0.1 * rng.normal(size=(4, 4, 8))
+    r = np.repeat(np.repeat(patch, 10, axis=0), 10, axis=1) + 0.01 * rng.normal(size=(40, 40, 8))
+    beside = np.concatenate([r[:, 1:], np.full((40, 1, 8), np.nan)], axis=1)
+    noise = np.tile(0.01**2 * np.eye(8), (1600, 1, 1))
+    assert learn_spectra(r.reshape(-1, 8), noise).share == 1
+    assert learn_spectra(r.reshape(-1, 8), noise, beside.reshape(-1, 8)).share < 0.05
+    assert learn_spectra(r.reshape(-1, 8), noise, np.full((1600, 8), np.nan)).share == 1

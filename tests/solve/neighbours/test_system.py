@@ -135,7 +135,7 @@ def test_the_right_side_holds_the_pull_of_the_priors(rng):
 def test_spectra_tell_the_colour_and_not_the_scale(rng):
     """What they add is the cost of the nearest multiple of a spectrum: a change of scale costs nothing."""
     n_pixel, root = 4, rng.normal(size=(N_BAND, N_BAND))
-    spectra = Spectra(rng.uniform(0.2, 0.6, N_BAND), root @ root.T + np.eye(N_BAND), 1)
+    spectra = Spectra(rng.uniform(0.2, 0.6, N_BAND), root @ root.T + np.eye(N_BAND), 1, 0.3)
     theta = rng.normal(-1, 0.3, (N, n_pixel))
     nothing = [arrays(np.zeros((k, n_pixel))) for k in (N, N * (N + 1) // 2)]
     exact = arrays(np.zeros((N * (N + 1) // 2, n_pixel)))
@@ -151,7 +151,7 @@ def test_spectra_tell_the_colour_and_not_the_scale(rng):
         return off @ spectra.precision @ off
 
     for i in range(n_pixel):
-        weight = (FREEDOM + N_BAND) / (FREEDOM + cost(theta[2:, i]))
+        weight = 0.3 * (FREEDOM + N_BAND) / (FREEDOM + cost(theta[2:, i]))
         for j in range(N_BAND):
             step = 1e-4 * np.eye(N_BAND)[j]
             numeric = (cost(theta[2:, i] + step) - cost(theta[2:, i] - step)) / 2e-4
