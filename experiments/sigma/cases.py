@@ -116,6 +116,7 @@ SCENES = (
     Scene("relief", "relief", "relief_unknown"),
     Scene("texture", "texture", "texture"),
     Scene("chart", "colorchecker", "colorchecker", order=order_with_pauses(N_LED)),
+    Scene("plain_chart", "colorchecker", "colorchecker"),
     Scene("white_ball", "white_ball", "white_ball"),
     Scene("grey_relief", "grey_relief", "relief_unknown"),
     Scene("slow_circle", "sphere", "sphere", white=True, slot_us=200_000.0, rounds=2),
