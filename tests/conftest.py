@@ -19,6 +19,7 @@ pytest.register_assert_rewrite("tests.support")
 from evsdr import jit
 from evsdr.commands import simulate
 from evsdr.errors import InputError
+from tests.support.chromium import start_chromium
 from tests.support.command_line import Commands
 from tests.support.small_scene import scene
 
@@ -61,6 +62,14 @@ def _freed():
 def rng() -> np.random.Generator:
     """Give a random generator that starts the same in every test."""
     return np.random.default_rng(0)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Give a browser; skip the tests where there is none."""
+    chromium = start_chromium()
+    yield chromium
+    chromium.close()
 
 
 @pytest.fixture(scope="session")

@@ -108,25 +108,26 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
         names = [name for name in names if name not in WITH_LAG]
     rig, activity = _told(world, pixels), world.background[0] if world.background else None
     start = _start(world, fitted, rig, row, pixels.dimness)
+
+    def search(names: list[str], start: Start = start) -> Inferred:
+        return infer(pixels, start, rig, told, tuple(names), activity)
+
     without = [name for name in names if name not in WITH_LAG]
-    before, untold_deg, no_lag = world.found or _last(world.decisions), 0.0, False
-    if "tau" in names and before and before.no_lag:
-        found = infer(pixels, start, rig, told, tuple(without), activity)
-        no_lag = found.wanted["tau"] < CLEAR
-    if no_lag:
-        names = without
+    before, untold_deg, no_lag = world.found or _last(world.decisions), 0.0, True
+    lagless = search(without) if "tau" in names and before and before.no_lag else None
+    if lagless and lagless.wanted["tau"] < CLEAR:
+        found, names = lagless, without
     else:
-        found = infer(pixels, start, rig, told, tuple(names), activity)
+        found = search(names)
+        if "tau" in names and found.wanted["dark"] > CLEAR and _lags(found, world):
+            names = [*names, "dark"]
+            found = search(names, _from(found))
         no_lag = found.no_lag
-    if "tau" in names and found.wanted["dark"] > CLEAR and _lags(found, world):
-        names = [*names, "dark"]
-        found = infer(pixels, _from(found), rig, told, tuple(names), activity)
-    if "tau" in names and not _lags(found, world):
-        names, with_lag = without, found
-        found = infer(pixels, start, rig, told, tuple(names), activity)
-        # Thresholds that scatter pass for noise of up to 14, but then of photoreceptors that lead (experiments.sigma, ideal)
-        noisy = found.wanted["noise"] > CLEAR_NOISE and found.wanted["tau"] > 0
-        untold_deg = with_lag.turn_deg["lag"] if noisy and not no_lag else 0.0
+        if "tau" in names and not _lags(found, world):
+            names, with_lag, found = without, found, lagless or search(without)
+            # Thresholds that scatter pass for noise of up to 14, but then of photoreceptors that lead (experiments.sigma, ideal)
+            noisy = found.wanted["noise"] > CLEAR_NOISE and found.wanted["tau"] > 0
+            untold_deg = with_lag.turn_deg["lag"] if noisy and not no_lag else 0.0
     moved = np.median(found.theta - start.theta, axis=0)
     return SharedFound(
         found, tuple(names), told, sensor.refractory_us, pixels.slot_us, untold_deg, no_lag, moved

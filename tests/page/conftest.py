@@ -1,16 +1,9 @@
-"""A browser, and the page of a small fit in it."""
+"""The page of a small fit, and a browser that shows it."""
 
 import pytest
 
-from tests.support.chromium import open_page, start_chromium
+from tests.support.chromium import open_page
 from tests.support.page_fits import make_fit
-
-
-@pytest.fixture(scope="module")
-def browser():
-    chromium = start_chromium()
-    yield chromium
-    chromium.close()
 
 
 @pytest.fixture(scope="module")

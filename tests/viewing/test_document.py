@@ -10,15 +10,8 @@ from evsdr.records import Signals
 from evsdr.viewing.checks import examine
 from evsdr.viewing.document import page
 from evsdr.viewing.look import look_at
-from tests.support.chromium import open_page, start_chromium
+from tests.support.chromium import open_page
 from tests.support.watched_files import CONSTANT_LIGHT, N_LED, ball_signal, lamp_recording, recorded, watched
-
-
-@pytest.fixture(scope="module")
-def browser():
-    chromium = start_chromium()
-    yield chromium
-    chromium.close()
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,6 @@ from websockets.sync.client import connect
 from evsdr.viewing.moment import moment
 from evsdr.viewing.server import Newest, Server, text_of
 from evsdr.viewing.sums import Sums
-from tests.support.chromium import start_chromium
 from tests.support.grown_files import as_camera, ball
 from tests.support.watched_files import N_LED, SIZE
 
@@ -25,13 +24,6 @@ from tests.support.watched_files import N_LED, SIZE
 def server():
     with Server("run <b>") as server:
         yield server
-
-
-@pytest.fixture(scope="module")
-def browser():
-    browser = start_chromium()
-    yield browser
-    browser.close()
 
 
 def ball_now(end=np.inf, ended=False):

@@ -43,7 +43,7 @@ class Spectra:
     mean: np.ndarray
     precision: np.ndarray
     rank: int
-    share: float = 1.0
+    share: float
 
     def arrays(self, Float: type) -> "LearntSpectra":
         """Lay mean and precision out as arrays of width 1, which no kernel holds as numbers."""
@@ -60,9 +60,7 @@ class LearntSpectra:
     share: object
 
 
-def learn_spectra(
-    reflectance: np.ndarray, covariance: np.ndarray, beside: np.ndarray | None = None
-) -> Spectra | None:
+def learn_spectra(reflectance: np.ndarray, covariance: np.ndarray, beside: np.ndarray) -> Spectra | None:
     """Learn the distribution of spectra from noisy ones.
 
     Parameters
@@ -71,8 +69,8 @@ def learn_spectra(
         Estimates.
     covariance : (n_pixel, n_band, n_band) float
         Of their noise.
-    beside : (n_pixel, n_band) float, optional
-        Estimates of the pixels beside them, NaN where there is none; by default each pixel is a draw of its own.
+    beside : (n_pixel, n_band) float
+        Estimates of the pixels beside them, NaN where there is none; without any, each pixel is a draw of its own.
 
     Returns
     -------
@@ -89,9 +87,7 @@ def learn_spectra(
     variance, direction = np.linalg.eigh(spread)
     blur = np.median(np.einsum("ki,xkl,li->xi", direction, noise, direction), axis=0)
     rank = np.count_nonzero(variance > VISIBLE**2 * blur)
-    share = 1.0
-    if beside is not None:
-        share = own_share(r, beside[known], mean, np.linalg.inv(spread + np.median(noise, axis=0)))
+    share = own_share(r, beside[known], mean, np.linalg.inv(spread + np.median(noise, axis=0)))
     return Spectra(mean, np.linalg.inv(spread), max(int(rank), 1), share)
 
 
