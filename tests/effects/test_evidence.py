@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from evsdr.effects.evidence import Score, consistently_wrong
+from evsdr.effects.evidence import Judge, Score, consistently_wrong
 
 
 def test_thresholds_that_scatter_are_not_wrong(rng):
@@ -22,3 +22,12 @@ def test_what_a_pixel_tells_is_the_gain_of_all_its_events():
     assert Score(trial, events=0.019).total == 0
     assert Score(trial, events=0.12, shape=1.0, curl=-0.5).total == pytest.approx(20 * 0.1 + 0.5)
     assert Score(trial, events=-0.12).total == pytest.approx(-2.0)
+
+
+@pytest.mark.parametrize(("left", "convicts"), [(0.03, True), (0.32, False)])
+def test_half_of_a_curl_that_is_most_of_the_bends_convicts_no_one(left, convicts):
+    judge = object.__new__(Judge)
+    judge.doubts = SimpleNamespace(shape=False, curl=True)
+    judge.told = Score(SimpleNamespace(scale=0.3, gain=None), curl_share=0.65)
+    trial = SimpleNamespace(scale=0.3, gain=None, lost=0.5)
+    assert bool(judge.convicts(Score(trial, curl=1.3, curl_share=left))) == convicts
