@@ -25,8 +25,8 @@ LOST = 0.15  # share of the events that stay unexplained; measured: 0.03 under r
 SHAPE_DEG = 5.0  # by which normals of a known shape may be off; guessed
 # Of log likelihood of a pixel's normal, and the part of the contradiction that may remain; guessed
 NORMAL_GAIN, LESS = 1.0, 0.5
-# Share of curl that may remain. Measured: 0.03 under right hypotheses (relief, each pixel alone); 0.32 under an order that is rolled, where
-# two halves of the ring had been interleaved
+# Share of curl that may remain; guessed, between what was measured: 0.03 under right hypotheses (experiments.setup_errors, relief), 0.32
+# where the order was interleaved and is taken for a rolled one
 CURL_LEFT = 0.2
 # Share of curl that noise makes, and what bends count beside normals of a known shape; guessed
 CURL_FLOOR, CURL_WEIGHT = 0.03, 2.0
