@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from evsdr.integrators.leds import Leds
+from evsdr.integrators.leds import Led, Leds
 
 # Samples of a Fibonacci lattice, which its own number and the one before it make; measured on LEDs as wide as a fifth of
 # their distance: directions within 0.15 degrees and irradiances within 0.3 %. Many are needed where some faces or sides
@@ -19,8 +19,8 @@ POINT, SMOOTH, MANY = (1, 1), (89, 55), (377, 233)
 SEQUENCE = 0.7548776662466927, 0.5698402909980532  # additive recurrence of low discrepancy in the unit square
 
 
-def toward_led(leds: Leds, j: int, si, sample, active):
-    """Sample LED j as seen from a surface point, nothing in between.
+def toward_led(led: Led, si, sample, active):
+    """Sample an LED as seen from a surface point, nothing in between.
 
     Returns
     -------
@@ -30,9 +30,9 @@ def toward_led(leds: Leds, j: int, si, sample, active):
         Fall-off g: what arrives, relative to the LED's spectrum.
     """
     at_peak = type(si)(si)
-    at_peak.wavelengths = mi.Spectrum(float(leds.peak_nm[j]))
-    ds, arriving = leds.emitter[j].sample_direction(at_peak, sample, active)
-    return ds, dr.select(active, arriving[0] / float(leds.peak[j]), 0.0)
+    at_peak.wavelengths = mi.Spectrum(led.peak_nm)
+    ds, arriving = led.emitter.sample_direction(at_peak, sample, active)
+    return ds, dr.select(active, arriving[0] / led.peak, 0.0)
 
 
 def mean_vectors(leds: Leds, chosen: Iterable[int], place: mi.Point3f) -> list[mi.Vector3f]:
@@ -51,7 +51,7 @@ def mean_vectors(leds: Leds, chosen: Iterable[int], place: mi.Point3f) -> list[m
             sample = _lattice_point(mi.Float(k), n, step)
             vectors = []
             for j, sent in zip(group, total):
-                ds, geometry = toward_led(leds, j, si, sample, mi.Bool(True))
+                ds, geometry = toward_led(leds.one(j), si, sample, mi.Bool(True))
                 vectors.append(sent + geometry * ds.d)
             return (k + 1, *vectors)
 
@@ -76,7 +76,7 @@ def largest_spread(leds: Leds, place) -> float:
             if emitter.get_shape() is not None:
                 n, step = _lattice(leds, j)
                 sample = _lattice_point(mi.Float(dr.arange(mi.UInt32, n)), n, step)
-                ds, geometry = toward_led(leds, j, si, sample, mi.Bool(True))
+                ds, geometry = toward_led(leds.one(j), si, sample, mi.Bool(True))
                 sampled.append((ds.d, geometry))
         dr.eval(sampled)
     spreads = [0.0]

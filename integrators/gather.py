@@ -71,64 +71,72 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
         Irradiance by way of other surfaces, in the unit of the direct one.
     """
     n_pixel, fine = dr.width(surface.place), fineness(scene)
-    frame = mi.Frame3f(surface.normal)
-    mean = _mean_reflectance(surface)
-    node = [mi.Spectrum(n) for n in leds.node_nm.tolist()]
-    weight = [mi.Spectrum(w) for w in leds.weight.tolist()]
+    lanes = leds.in_lanes(scene, n_pixel)
+    mean = _mean_reflectance(surface, leds)
     context = mi.BSDFContext()
     generator = mi.PCG32(size=n_pixel, initstate=dr.opaque(mi.UInt64, seed))
     shift, on_leds = (mi.Point2f(generator.next_float32(), generator.next_float32()) for _ in range(2))
     front = dr.mulsign(surface.place.n, dr.dot(surface.place.n, surface.place.to_world(surface.place.wi)))
     seen_at = dr.select(surface.known, surface.place.p, mi.Point3f(dr.inf))
-    skip = dr.opaque(mi.Float, skip)
-    dr.eval(frame, shift, on_leds, signal, front, seen_at, mean)
+    skip, near = dr.opaque(mi.Float, skip), dr.opaque(mi.Float, NEAR_ENOUGH * surface.pixel_size)
+    signal = dr.concat(signal)
+    of_pixels = surface.place, surface.known, surface.normal, front, shift, on_leds
+    dr.eval(of_pixels, signal, seen_at, mean)
+    pixel = dr.arange(mi.UInt32, dr.width(lanes[0].number)) % n_pixel
+    of_lanes = (dr.gather(type(value), value, pixel) for value in of_pixels)
+    place, known, normal, front, shift, on_leds = of_lanes
+    frame = mi.Frame3f(normal)
 
     def body(k, *total):
         local = mi.warp.square_to_cosine_hemisphere(recurrence(shift, k))
         sample = recurrence(on_leds, k, ON_LEDS)
-        ray = spawn(surface.place, frame.to_world(local), fine)
+        ray = spawn(place, frame.to_world(local), fine)
         ray.o += skip * ray.d
         # fitted normals can look below the geometry's horizon
-        above = surface.known & (dr.dot(front, ray.d) > 0)
+        above = known & (dr.dot(front, ray.d) > 0)
         si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=False, active=above)
         hit = above & si.is_valid()
         own = hit & (si.shape == surface.shape)
-        pixel, inside = surface.pixel_of(si.p)
-        there = dr.gather(mi.Point3f, seen_at, pixel, own & inside)
-        seen = own & inside & (dr.norm(there - si.p) < NEAR_ENOUGH * surface.pixel_size)
+        there, inside = surface.pixel_of(si.p)
+        seen = own & inside
+        seen &= dr.norm(dr.gather(mi.Point3f, seen_at, there, seen) - si.p) < near
         lit = hit & ~seen
         bsdf = si.bsdf(ray)
         facing = dr.mulsign(si.n, dr.dot(si.n, -ray.d))
         out = []
-        for j, sent in enumerate(total):
-            si.wavelengths = node[leds.band[j]]
-            ds, geometry = toward_led(leds, j, si, sample, lit)
+        for led, sent in zip(lanes, total):
+            si.wavelengths = led.node_nm
+            ds, geometry = toward_led(led, si, sample, lit)
             reflected = bsdf.eval(context, si, si.to_local(ds.d), lit & ~own)
-            f_cos = dr.sum(reflected * weight[leds.band[j]]) * dr.pi
-            of_mean = mean[leds.band[j]] * dr.maximum(dr.dot(facing, ds.d), 0.0)
-            strength = float(leds.power[j]) * geometry * dr.select(own, of_mean, f_cos)
-            toward = spawn(si, ds.d, fine) if leds.is_far(j) else spawn_to(si, ds.p, fine)
+            f_cos = dr.sum(reflected * led.weight) * dr.pi
+            of_mean = dr.gather(mi.Float, mean, led.number) * dr.maximum(dr.dot(facing, ds.d), 0.0)
+            strength = led.power * geometry * dr.select(own, of_mean, f_cos)
+            toward = spawn_to(si, ds.p, fine)
             open_ = lit & (strength > 0) & ~scene.ray_test(toward, False, lit & (strength > 0))
-            value = dr.select(open_, strength, 0.0) + dr.gather(mi.Float, signal[j], pixel, seen)
+            value = dr.select(open_, strength, 0.0)
+            value += dr.gather(mi.Float, signal, led.number * n_pixel + there, seen)
             out.append(sent + value)
         return (k + 1, *out)
 
-    zero = [dr.zeros(mi.Float, n_pixel) for _ in range(leds.n_led)]
+    zero = [dr.zeros(mi.Float, dr.width(pixel)) for _ in lanes]
     state = dr.while_loop((mi.UInt32(0), *zero), lambda k, *_: k < n_ray, body, label="gathering rays")
-    return [total / n_ray for total in state[1:]]
+    of_leds = dr.reshape(mi.TensorXf, dr.concat(state[1:]) / n_ray, (-1, n_pixel))
+    return [of_leds[j].array for j in range(leds.n_led)]
 
 
-def _mean_reflectance(surface: Surface) -> list:
-    """Give the mean of the known pixels, per band."""
+def _mean_reflectance(surface: Surface, leds: Leds) -> mi.Float:
+    """Give the mean of the known pixels, for each LED that of its band."""
     count = max(int(dr.count(surface.known)[0]), 1)
     mean = [float(dr.sum(dr.select(surface.known, r, 0.0))[0]) / count for r in surface.reflectance]
-    return [dr.opaque(mi.Float, m) for m in mean]
+    return mi.Float([mean[b] for b in leds.band])
 
 
 def pixel_finder(width: int, height: int, pixel_size, center, perspective: bool, to_world: np.ndarray):
     """Make the callable `Surface.pixel_of` of a camera; arguments as in `depth.CameraGeometry`."""
-    axes = [mi.Vector3f(*axis) for axis in to_world[:3, :3].T.tolist()]
-    origin = mi.Point3f(*to_world[:3, 3].tolist())
+    axes = [mi.Vector3f(axis) for axis in to_world[:3, :3].T.tolist()]
+    origin = mi.Point3f(to_world[:3, 3].tolist())
+    pixel_size, center = mi.Point2f(*pixel_size), mi.Point2f(*center)
+    dr.make_opaque(axes, origin, pixel_size, center)  # no kernel holds where a camera stands
 
     def pixel_of(point):
         x, y, z = (dr.dot(axis, point - origin) for axis in axes)

@@ -108,16 +108,16 @@ class RingIntegrator(mi.SamplingIntegrator):
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         spp = spp or sensor.sampler().sample_count()
-        width, height = sensor.film().crop_size()
+        width, height = (int(n) for n in sensor.film().crop_size())
         if self.normal.shape[0] == 0:
-            signal = self.signals(scene, sensor, spp, seed)
+            image = dr.moveaxis(self.signals(scene, sensor, spp, seed), 0, -1).array
         else:
-            signal = self._textured_signals(scene, sensor, spp, seed)
+            image = dr.ravel(mi.ArrayXf(self._textured_signals(scene, sensor, spp, seed)), order="F")
         dr.make_opaque(self.constant_light)  # else each value would be a kernel of its own
-        image = dr.ravel(mi.ArrayXf([s + self.constant_light for s in signal]), order="F")
+        image += self.constant_light
         if evaluate:
             dr.eval(image)
-        return mi.TensorXf(image, (int(height), int(width), len(signal)))
+        return mi.TensorXf(image, (height, width, len(image) // (width * height)))
 
     # ------------------------------------------------------------------ forward: the scene's own surfaces
 
@@ -129,59 +129,64 @@ class RingIntegrator(mi.SamplingIntegrator):
                 self._leds = (key, find_leds(scene, self.response))
         return self._leds[1]
 
-    def signals(self, scene, sensor, spp, seed=0) -> list[mi.Float]:
+    def signals(self, scene, sensor, spp, seed=0) -> mi.TensorXf:
         """Render A_xj by the scene's own surfaces.
 
         Returns
         -------
-        list of mi.Float, (n_led) of width H * W
+        mi.TensorXf, (n_led, H, W)
             Signals without the constant light.
         """
-        leds, fine, shift = self.leds(scene), fineness(scene), pixel_shift(sensor, seed)
-        wide = len(with_surface(leds)) > 0
+        leds, fine = self.leds(scene), fineness(scene)
+        width, height = (int(n) for n in sensor.film().crop_size())
+        lanes = leds.in_lanes(scene, width * height)
+        n_copy = dr.width(lanes[0].number) // (width * height)
+        shift = pixel_shift(sensor, seed, n_copy) if with_surface(leds) else None
 
         def measure(s, si, ray, rng, active):
-            first = recurrence(shift, s) if wide else None
-            return self._path_signals(scene, leds, fine, si, ray, rng, active, first)
+            first = None if shift is None else recurrence(shift, s)
+            return self._path_signals(scene, lanes, fine, si, ray, rng, active, first)
 
-        return pixel_mean(scene, sensor, spp, seed, leds.n_led, measure)
+        signal = dr.concat(pixel_mean(scene, sensor, spp, seed, len(lanes), measure, n_copy))
+        return mi.TensorXf(signal, (len(lanes) * n_copy, height, width))[: leds.n_led]
 
     def _path_signals(self, scene, leds, fine, si, ray, rng, active, first):
         """Signals of one camera ray: at every surface point of its path each LED is sampled, at `first` from the first."""
         context = mi.BSDFContext()
-        node = [mi.Spectrum(n) for n in leds.node_nm.tolist()]
-        signal = [mi.Float(0.0) for _ in range(leds.n_led)]
-        throughput = [mi.Spectrum(w) for w in leds.weight.tolist()]
+        throughput = [mi.Spectrum(led.weight) for led in leds]
         active = active & si.is_valid()
+        signal = [mi.Float(0.0) for _ in leds]
         if not self.hide_emitters:
-            signal = [float(leds.power[j]) * dr.pi * seen(leds, j, si, active) for j in range(leds.n_led)]
+            # radiance relative to the LED's spectrum, where the camera looks right at it
+            front, hit = active & (mi.Frame3f.cos_theta(si.wi) > 0), si.emitter(scene)
+            signal = [dr.select(front & (hit == led.emitter), mi.Float(1.0), 0.0) for led in leds]
         for depth in range(self.max_depth):
             bsdf = si.bsdf(ray)
             sample = mi.Point2f(rng.next_float32(), rng.next_float32())
             sample = first if first is not None and depth == 0 else sample
 
             # Light: the same for all wavelengths of an LED but for its spectrum, which the weights hold.
-            for j in range(leds.n_led):
-                ds, geometry = toward_led(leds, j, si, sample, active)
-                si.wavelengths = node[leds.band[j]]
+            for k, led in enumerate(leds):
+                ds, geometry = toward_led(led, si, sample, active)
+                si.wavelengths = led.node_nm
                 f_cos = bsdf.eval(context, si, si.to_local(ds.d), active & (geometry > 0))
-                reflected = dr.sum(f_cos * throughput[leds.band[j]])
+                reflected = dr.sum(f_cos * throughput[k])
                 lit = visible(scene, si, ds, active & (geometry * reflected > 0), fine)
-                signal[j] += dr.select(lit, float(leds.power[j]) * dr.pi * geometry * reflected, 0.0)
+                signal[k] += dr.select(lit, geometry * reflected, 0.0)
             if depth + 1 == self.max_depth:
                 break
 
-            # Next surface point: one direction serves all bands, each with its own throughput.
+            # Next surface point: one direction serves all LEDs, each with its own throughput.
             choice, direction = rng.next_float32(), mi.Point2f(rng.next_float32(), rng.next_float32())
-            for b in range(leds.n_band):
-                si.wavelengths = node[b]
+            for k, led in enumerate(leds):
+                si.wavelengths = led.node_nm
                 bs, weight = bsdf.sample(context, si, choice, direction, active)
-                throughput[b] *= weight
+                throughput[k] *= weight
             ray = spawn(si, si.to_world(bs.wo), fine)
             active &= bs.pdf > 0
             si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=False, active=active)
             active &= si.is_valid()
-        return signal
+        return [led.power * dr.pi * s for led, s in zip(leds, signal)]
 
     # ------------------------------------------------------------------ inverse: image-space textures
 
@@ -223,7 +228,7 @@ class RingIntegrator(mi.SamplingIntegrator):
             for j in range(leds.n_led):
                 if not shadows and (far[j] or j in wide):
                     continue
-                ds, geometry = toward_led(leds, j, si, sample, active)
+                ds, geometry = toward_led(leds.one(j), si, sample, active)
                 if shadows:
                     # what faces away from an LED is dark by its normal: it counts for no shadow
                     facing = dr.select(active, dr.maximum(dr.dot(si.sh_frame.n, ds.d), 0.0), 0.0)
@@ -299,7 +304,7 @@ class RingIntegrator(mi.SamplingIntegrator):
 
 def far_light(leds: Leds, j: int, frame: np.ndarray) -> tuple[mi.Vector3f, mi.Float]:
     """Give direction (camera frame) and fall-off of an LED that is far: the same everywhere."""
-    ds, geometry = toward_led(leds, j, dr.zeros(mi.SurfaceInteraction3f), mi.Point2f(0.5), mi.Bool(True))
+    ds, geometry = toward_led(leds.one(j), dr.zeros(mi.SurfaceInteraction3f), mi.Point2f(0.5), mi.Bool(True))
     if dr.grad_enabled(ds.d):
         return rotate(frame, ds.d), geometry
     return mi.Vector3f(*(frame @ np.array(ds.d, float).ravel()).tolist()), geometry
@@ -315,15 +320,6 @@ def norm(v) -> mi.Float:
     """Give the length of a vector; where it is 0, so is its derivative."""
     square = dr.squared_norm(v)
     return dr.select(square > 0, dr.sqrt(dr.select(square > 0, square, 1.0)), 0.0)
-
-
-def seen(leds: Leds, j: int, si, active) -> mi.Float:
-    """Give the radiance of LED j where the camera looks right at it, relative to the LED's spectrum."""
-    shape = leds.emitter[j].get_shape()
-    if shape is None:
-        return mi.Float(0.0)
-    front = active & (si.shape == mi.ShapePtr(shape)) & (mi.Frame3f.cos_theta(si.wi) > 0)
-    return dr.select(front, 1.0, 0.0)
 
 
 def visible(scene, si, ds, active, fine=None, skip=None, far=False) -> mi.Bool:

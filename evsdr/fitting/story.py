@@ -162,6 +162,7 @@ def fit_recording(
     believed, _ = decide("last", believed, fitted, settings)
     with stages.stage("signals"):
         fitted, signals, misfit = with_model_error(believed, fitted, matt, solve)
+        moved = moves(believed, fitted)
     world = replace(believed, mask=world.mask)
     if tiles:
         with stages.stage("tiles") as advance:
@@ -173,7 +174,7 @@ def fit_recording(
         surface = world.surface.files(depth, fitted.maps) if depth else {}
     geometry.check_pieces(world)
     geometry.check_normals(world, fitted.maps)
-    verdict = judge(world, fitted, stopped, misfit.least, moves(world, fitted))
+    verdict = judge(world, fitted, stopped, misfit.least, moved)
     said = {"verdict": str(verdict), "stopped": stopped, "misfit": misfit.words}
     summary = report.summarise(world, settings, fitted, notes) | world.surface.told() | said
     whole = len(signals.pixel) == fitted.problem.n_pixel

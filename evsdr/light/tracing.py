@@ -12,15 +12,12 @@ from evsdr.integrators.ring import camera_frame, find_object, rotate
 from evsdr.light.camera import camera_geometry
 from evsdr.light.ground_truth import _central
 from evsdr.light.scene import RingScene
-from evsdr.model.arrays import columns
+from evsdr.model.arrays import columns, owned
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import led_signals
 from evsdr.records import Maps
 
 GATHER_RAYS = 64  # per pixel, of indirect light
-# LEDs in a kernel, which traces the camera's rays anew. Measured with 256 LEDs on a processor without AVX-512: a simulation and a fit
-# take 207 s with all in one, nearly all to compile it, and 39 s with 32
-AT_ONCE = 32
 MOST_GATHERINGS = 3  # more inter-reflections hardly add light
 
 
@@ -31,10 +28,7 @@ def led_images(ring: RingScene, spp: int, seed: int = 0) -> np.ndarray:
     -------
     (n_led, height, width) float32
     """
-    signal = ring.integrator.signals(ring.scene, ring.sensor, spp, seed)
-    for some in range(0, len(signal), AT_ONCE):
-        dr.eval(signal[some : some + AT_ONCE])
-    images = np.stack([s.numpy().reshape(ring.height, ring.width) for s in signal])
+    images = ring.integrator.signals(ring.scene, ring.sensor, spp, seed).numpy()
     return images if ring.trim is None else images * ring.trim[:, None, None].astype(np.float32)
 
 
@@ -92,7 +86,7 @@ def trace_indirect(
     normal = mi.Vector3f(*columns(mi.Float, maps.normal.reshape(-1, 3)))
     # no surface sends more than it gets: a fit without indirect light may say so, and rounds would not settle
     reflectance = columns(mi.Float, np.minimum(maps.reflectance, 1).reshape(-1, maps.reflectance.shape[-1]))
-    known = seen & (mi.Float((maps.reflectance > 0).any(axis=-1).ravel().astype(np.float32)) > 0)
+    known = seen & (owned(mi.Float, (maps.reflectance > 0).any(axis=-1).ravel()) > 0)
     distance = dr.dot(mi.Point3f(to_world[:3, 3]) - place.p, mi.Vector3f(to_world[:3, 2]))
     scale = float(dr.max(dr.select(known, distance, 0.0))[0]) if camera.perspective else 1.0
     surface = Surface(

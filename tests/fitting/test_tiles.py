@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import evsdr
-from evsdr.fitting import tiles, tiling
+from evsdr.fitting import story, tiles, tiling
 from evsdr.fitting.timeline import plan_of
 from evsdr.metrics import angular_error_deg
 from evsdr.progress import Whole
@@ -81,3 +81,20 @@ def test_a_fit_in_tiles_is_that_of_the_whole(place, small, monkeypatch):
     assert both.sum() > 0.95 * whole.maps.mask.sum()
     apart = angular_error_deg(found.maps.normal, whole.maps.normal)[both]
     assert np.median(apart) < np.median(whole.maps.normal_sigma_deg[both])
+
+
+def test_tiles_are_judged_by_pixels_whose_events_are_there(small, place, monkeypatch):
+    """Tiles keep no pairs: how far residuals still move, of photoreceptors that lag, is that of the pixels that told them."""
+    ring, counts = evsdr.load_scene(place / "scene.xml"), []
+
+    def moves(world, fitted):
+        counts.append((len(fitted.problem.pairs.counts), fitted.problem.n_pixel))
+        return 0.4
+
+    monkeypatch.setattr(story, "moves", moves)
+    monkeypatch.setattr(tiles, "ENOUGH", 50)
+    recording, _ = evsdr.simulate(ring, seed=1, thresholds="nominal")
+    with pytest.warns(evsdr.InputWarning, match="residuals by 0.4 of"):
+        found = evsdr.fit(ring, recording, evsdr.Settings(preset="fast"))
+    ((with_pairs, fitted),) = counts
+    assert with_pairs == fitted and 0 < fitted < len(found.solution.theta)

@@ -105,12 +105,28 @@ def test_light_that_the_camera_sees():
     np.testing.assert_array_equal(render(scene, hide_emitters=True)[front], 0)
 
 
-@pytest.mark.parametrize("n_led", [2, 48])
+@pytest.mark.parametrize("n_led", [2, 11, 48])
 def test_number_of_leds(n_led):
     leds = {f"led_{j}": far((0, 0, 1), 1.0 + j) for j in range(n_led)}
     signal = render(load({"object": plane()} | leds))
     expected = POWER * np.arange(1.0, n_led + 1)
     np.testing.assert_allclose(signal, np.broadcast_to(expected, signal.shape), rtol=1e-5)
+
+
+def test_a_kernel_for_many_leds_is_as_short_as_for_some():
+    """LLVM would take minutes for one that holds hundreds one by one."""
+
+    def rendered(n_led):
+        leds = {f"led_{j}": far((0, 0.01 * j, 1), 1.0 + j) for j in range(n_led)}
+        scene = load({"object": plane(0.3)} | leds)
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history()
+            image = render(scene, spp=4)
+            return image, max(kernel.get("operation_count", 0) for kernel in dr.kernel_history())
+
+    (some, short), (many, long) = rendered(16), rendered(64)
+    np.testing.assert_array_equal(many[..., :16], some)
+    assert 100 < long < 1.05 * short
 
 
 # ---------------------------------------------------------------------- pixel area

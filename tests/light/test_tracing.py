@@ -2,11 +2,9 @@
 
 from dataclasses import replace
 
-import drjit as dr
 import numpy as np
 import pytest
 
-from evsdr.light import tracing
 from evsdr.light.ground_truth import object_depth, object_normals, surface_maps
 from evsdr.light.scene import load_scene, with_object
 from evsdr.light.tracing import led_images, light_at_centre, trace_illumination, trace_indirect
@@ -31,22 +29,6 @@ def test_led_images_are_lamberts(ring):
     expected = cosine * reflectance[np.arange(8) % 2][:, None, None]
     np.testing.assert_allclose(led_images(ring, 1)[:, seen], expected[:, seen], atol=2e-3)
     np.testing.assert_array_equal(led_images(ring, 1)[:, ~seen], 0)
-
-
-def test_a_kernel_holds_some_leds_only(ring, monkeypatch):
-    """LLVM takes ever longer for one of many."""
-
-    def rendered():
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history()
-            image = led_images(ring, 4)
-            return image, max(kernel.get("operation_count", 0) for kernel in dr.kernel_history())
-
-    whole, largest = rendered()
-    monkeypatch.setattr(tracing, "AT_ONCE", 3)
-    image, large = rendered()
-    np.testing.assert_array_equal(image, whole)
-    assert 0 < large < 0.8 * largest
 
 
 def test_trim_dims_leds_on_whatever_object(ring):
