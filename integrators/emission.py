@@ -6,11 +6,12 @@ samples thereby gives irradiance and direction, visibility, and how widely direc
 """
 
 from collections.abc import Iterable
+from functools import partial
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from evsdr.integrators.leds import Led, Leds
+from evsdr.integrators.leds import Led, Leds, is_far
 
 # Samples of a Fibonacci lattice, which its own number and the one before it make; measured on LEDs as wide as a fifth of
 # their distance: directions within 0.15 degrees and irradiances within 0.3 %. Many are needed where some faces or sides
@@ -25,14 +26,26 @@ def toward_led(led: Led, si, sample, active):
     Returns
     -------
     ds : mi.DirectionSample3f
-        Direction to the LED, in the world.
+        Direction to the LED, in the world, its point, and how far that is: infinitely where direction is all there is.
     geometry : mi.Float
         Fall-off g: what arrives, relative to the LED's spectrum.
     """
-    at_peak = type(si)(si)
-    at_peak.wavelengths = mi.Spectrum(led.peak_nm)
-    ds, arriving = led.emitter.sample_direction(at_peak, sample, active)
-    return ds, dr.select(active, arriving[0] / led.peak, 0.0)
+    seen = si.p, mi.Float(led.peak_nm), sample, active
+    if len(led.choice) == 1:
+        ds, arriving = _sample(led.choice[0], *seen)
+    else:  # not by a pointer: Mitsuba would put the emitters of all scenes that there are into the kernel
+        ds, arriving = dr.switch(led.copy, [partial(_sample, emitter) for emitter in led.choice], *seen)
+    return ds, dr.select(active, arriving / led.peak, 0.0)
+
+
+def _sample(emitter: mi.Emitter, place: mi.Point3f, nm: mi.Float, sample: mi.Point2f, active: mi.Bool):
+    """Give a direction sample of an emitter and what arrives from it at a wavelength."""
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.p, si.wavelengths = place, mi.Spectrum(nm)
+    ds, arriving = emitter.sample_direction(si, sample, active)
+    if is_far(emitter):  # Mitsuba's point hangs on the size of the scene, which kernels would hold
+        ds.p, ds.dist = place, mi.Float(dr.inf)
+    return ds, arriving[0]
 
 
 def mean_vectors(leds: Leds, chosen: Iterable[int], place: mi.Point3f) -> list[mi.Vector3f]:

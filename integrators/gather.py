@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 from evsdr.integrators.emission import recurrence, toward_led
 from evsdr.integrators.leds import Leds
-from evsdr.integrators.rays import fineness, spawn, spawn_to
+from evsdr.integrators.rays import fineness, spawn, spawn_toward
 
 ON_LEDS = 0.8191725133961645, 0.6710436067037893  # of that in three dimensions: for the samples on LEDs
 NEAR_ENOUGH = 3.0  # pixels between a point that a ray hits and what the camera sees there
@@ -111,8 +111,8 @@ def gather(scene, leds: Leds, surface: Surface, signal: list, n_ray: int, seed: 
             f_cos = dr.sum(reflected * led.weight) * dr.pi
             of_mean = dr.gather(mi.Float, mean, led.number) * dr.maximum(dr.dot(facing, ds.d), 0.0)
             strength = led.power * geometry * dr.select(own, of_mean, f_cos)
-            toward = spawn_to(si, ds.p, fine)
-            open_ = lit & (strength > 0) & ~scene.ray_test(toward, False, lit & (strength > 0))
+            open_ = lit & (strength > 0)
+            open_ &= ~scene.ray_test(spawn_toward(si, ds, fine), False, open_)
             value = dr.select(open_, strength, 0.0)
             value += dr.gather(mi.Float, signal, led.number * n_pixel + there, seen)
             out.append(sent + value)

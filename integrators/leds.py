@@ -23,6 +23,9 @@ class Led:
     ----------
     number : int or mi.UInt32
     emitter : mi.Emitter or mi.EmitterPtr
+    choice : list of mi.Emitter
+        The one that it is, or one for each copy of the pixels.
+    copy : int or mi.UInt32
     power, peak_nm, peak : float or mi.Float
         As in `Leds`.
     node_nm, weight : mi.Spectrum
@@ -31,6 +34,8 @@ class Led:
 
     number: int
     emitter: mi.Emitter
+    choice: list
+    copy: int
     power: float
     peak_nm: float
     peak: float
@@ -86,7 +91,7 @@ class Leds:
         """Give LED j."""
         number = (float(value[j]) for value in (self.power, self.peak_nm, self.peak))
         band = (mi.Spectrum(value[self.band[j]].tolist()) for value in (self.node_nm, self.weight))
-        return Led(j, self.emitter[j], *number, *band)
+        return Led(j, self.emitter[j], [self.emitter[j]], 0, *number, *band)
 
     def in_lanes(self, scene: mi.Scene, n_pixel: int) -> list[Led]:
         """Share the LEDs out to lanes of a kernel, of which each pixel gets one or more.
@@ -110,14 +115,15 @@ class Leds:
         for k in range(-(-self.n_led // n_copy)):
             number = dr.minimum(k * n_copy + copy, self.n_led - 1)
             emitter = dr.gather(mi.EmitterPtr, scene.emitters_dr(), dr.gather(mi.UInt32, order, number))
+            choice = [self.emitter[min(j, self.n_led - 1)] for j in range(k * n_copy, (k + 1) * n_copy)]
             values = [dr.gather(mi.Float, table, number) for table in tables]
             spectra = mi.Spectrum(*values[3:7]), mi.Spectrum(*values[7:])
-            lanes.append(Led(number, emitter, *values[:3], *spectra))
+            lanes.append(Led(number, emitter, choice, copy, *values[:3], *spectra))
         return lanes
 
     def is_far(self, j: int) -> bool:
-        """Tell whether LED j is directional: the same direction and irradiance everywhere."""
-        return _is_far(self.emitter[j])
+        """Tell whether LED j is directional."""
+        return is_far(self.emitter[j])
 
 
 def emitter_id(emitter: mi.Emitter) -> str:
@@ -175,7 +181,8 @@ def find_leds(scene: mi.Scene, response: mi.Texture | None = None) -> Leds:
     )
 
 
-def _is_far(emitter: mi.Emitter) -> bool:
+def is_far(emitter: mi.Emitter) -> bool:
+    """Tell whether an emitter is directional: the same direction and irradiance everywhere."""
     return mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection)
 
 
@@ -244,7 +251,7 @@ def _packets_of(scene: mi.Scene, emitter: mi.Emitter, wavelengths: mi.Spectrum) 
     box = scene.bbox()
     it.p = mi.Point3f(box.max) + 1.0 + (box.max - box.min)
     ds, irradiance = emitter.sample_direction(it, mi.Point2f(0.5))
-    distance = 1.0 if _is_far(emitter) else ds.dist
+    distance = 1.0 if is_far(emitter) else ds.dist
     return irradiance * dr.square(distance)
 
 

@@ -23,14 +23,15 @@ def spawn(si, direction, fine: mi.Float | None) -> mi.Ray3f:
     return mi.Ray3f(_above(si, direction, fine), direction, si.time, si.wavelengths)
 
 
-def spawn_to(si, point, fine: mi.Float | None) -> mi.Ray3f:
-    """Begin a ray at a surface point that ends before another."""
-    if fine is None:
-        return si.spawn_ray_to(point)
-    origin = _above(si, point - si.p, fine)
-    way = point - origin
+def spawn_toward(si, ds, fine: mi.Float | None) -> mi.Ray3f:
+    """Begin a ray at a surface point that ends before a sampled place, or nowhere if that is infinitely far."""
+    far = dr.isinf(ds.dist)
+    ray = spawn(si, dr.select(far, ds.d, ds.p - si.p), fine)
+    way = dr.select(far, ds.d, ds.p - ray.o)
     length = dr.norm(way)
-    return mi.Ray3f(origin, way / length, length * (1 - mi.math.ShadowEpsilon), si.time, si.wavelengths)
+    ray.d = way / length
+    ray.maxt = dr.select(far, dr.largest(mi.Float), length * (1 - mi.math.ShadowEpsilon))
+    return ray
 
 
 def _above(si, direction, fine):

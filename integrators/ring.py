@@ -43,7 +43,7 @@ import numpy as np
 from evsdr.integrators.emission import largest_spread, mean_vectors, recurrence, toward_led, with_surface
 from evsdr.integrators.leds import Leds, find_leds, power_factor
 from evsdr.integrators.pixels import pixel_mean, pixel_shift
-from evsdr.integrators.rays import fineness, spawn, spawn_to
+from evsdr.integrators.rays import fineness, spawn, spawn_toward
 from evsdr.integrators.values import is_of_led, is_of_scene, values_of
 
 from evsdr.model.illumination import Illumination
@@ -233,7 +233,7 @@ class RingIntegrator(mi.SamplingIntegrator):
                     # what faces away from an LED is dark by its normal: it counts for no shadow
                     facing = dr.select(active, dr.maximum(dr.dot(si.sh_frame.n, ds.d), 0.0), 0.0)
                     facing *= geometry if j in wide else 1.0  # samples of a surface do not count alike
-                    lit = visible(scene, si, ds, active & (facing > 0), fine, free, far[j])
+                    lit = visible(scene, si, ds, active & (facing > 0), fine, free)
                     values += [dr.select(lit, facing, 0.0), facing]
                 if not far[j] and j not in wide:
                     arriving = rotate(frame, geometry * ds.d)
@@ -322,12 +322,9 @@ def norm(v) -> mi.Float:
     return dr.select(square > 0, dr.sqrt(dr.select(square > 0, square, 1.0)), 0.0)
 
 
-def visible(scene, si, ds, active, fine=None, skip=None, far=False) -> mi.Bool:
-    """Trace a shadow ray from a surface point to a sampled LED; stretches `skip` at both ends are free.
-
-    To a far one its direction is enough: Mitsuba's point hangs on the size of the scene, which kernels would hold.
-    """
-    ray = spawn(si, ds.d, fine) if far else spawn_to(si, ds.p, fine)
+def visible(scene, si, ds, active, fine=None, skip=None) -> mi.Bool:
+    """Trace a shadow ray from a surface point to a sampled LED; stretches `skip` at both ends are free."""
+    ray = spawn_toward(si, ds, fine)
     if skip is not None:
         ray.o += mi.Vector3f(dr.sign(dr.dot(si.n, si.to_world(si.wi))) * si.n) * (0.25 * skip) + skip * ds.d
         ray.maxt -= 2 * skip  # as it starts later, and lest it reaches the LED's own shape
