@@ -252,3 +252,17 @@ def test_new_values_need_no_new_kernel():
             integrator.render(scene, seed=value, spp=4)
         kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
     assert kernels and all(k["cache_hit"] for k in kernels)
+
+
+def test_the_size_of_another_scene_is_not_in_the_kernel():
+    """Each recording with a surface of its own would compile one, as LEDs that are far know how large their scene is."""
+    scene = load({"object": plane(0.3)} | {f"led_{j}": far((0, 0.1 * j, 1)) for j in range(11)})
+    integrator, other = ring(), None
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        for half_width in (30, 40):
+            other = None  # how many there are is in the kernel
+            other = load({"object": plane(half_width=(half_width, 20, 1)), "led_0": far((0, 0, 1))})
+            dr.kernel_history_clear()
+            integrator.render(scene, spp=4)
+        kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
+    assert other and kernels and all(k["cache_hit"] for k in kernels)
