@@ -13,6 +13,7 @@ from evsdr.solve.noise import MISFIT
 # Share of the suspects' misfit that hidden LEDs must explain; measured: 0.43 to 0.84 in shadows, 0.28 where gloss is not
 # modelled, 0.05 and less where the model is right
 EXPLAINED = 0.35
+TURNED = "; then found to be gloss in "
 FACING = 0.05  # cosine from which a surface that faces an LED should be lit
 ASKED = {
     "off": "not modelled: asked for by --shadows off",
@@ -99,6 +100,29 @@ class ShadowsInEvents:
     def model(self, world: World, decision: Decision | None = None) -> World:
         """Ask whenever maps or surface have changed."""
         return replace(world, shadows="latent")
+
+
+class ShadowsOrGloss:
+    """Shadows that were found before lobes were: some were lobes."""
+
+    name, option, when = "cast shadows", "shadows", "settled"
+
+    def decide(self, asked: str, world: World, fitted: Fitted) -> Decision | None:
+        """Count the pixels that see all LEDs again, see `World.seen`."""
+        if world.shadows != "latent" or world.gloss is None:
+            return None
+        before, now = (share < 1 for share in (fitted.problem.visible, world.seen(fitted).share))
+        n_lobe = np.count_nonzero(before.any(axis=0) & ~now.any(axis=0))
+        if n_lobe == 0:
+            return None
+        so_far = world.decisions[self.name]
+        n_lobe += so_far.found.get("gloss", 0)
+        why = f"{so_far.why.partition(TURNED)[0]}{TURNED}{n_lobe} pixels"
+        return replace(so_far, why=why, modelled=bool(now.any()), found=so_far.found | {"gloss": n_lobe})
+
+    def model(self, world: World, decision: Decision) -> World:
+        """Leave it to what pixels see."""
+        return world
 
 
 def _decision(

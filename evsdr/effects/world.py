@@ -24,7 +24,7 @@ from evsdr.solve.pair_data import unlit_by, without
 from evsdr.solve.problem import Problem, make_problem
 from evsdr.solve.shared.rig import GROUPS, Told
 from evsdr.solve.solution import Solution
-from evsdr.solve.visibility import Seen, doubtful, find_visibility, left_open
+from evsdr.solve.visibility import Seen, doubtful, find_visibility, left_open, unhide
 
 TRIAL_RAYS = 4  # per pixel: of trials, and for the object's outline
 ROUND_RAYS = 1  # per pixel, while light and surface change
@@ -253,17 +253,27 @@ class World:
         return self.memo("indirect", (light, fitted), work)
 
     def seen(self, fitted: Fitted) -> Seen:
-        """Give what pixels see of the LEDs, as their events tell; once lobes or a rough matt part are known it stays as it is."""
+        """Give what pixels see of the LEDs, as their events tell.
+
+        Once lobes or a rough matt part are known nothing more is hidden: but what seemed so for want of lobes is seen again.
+        """
 
         def work():
             problem, before = self._unhidden(fitted)
-            if self.gloss is not None or self.rough is not None:
-                untold = problem.fired & ~fitted.problem.fired
-                return Seen(before, fitted.solution.all_theta, untold)
+            if self.gloss is None and self.rough is None:
+                traced = self._traced(fitted, problem)
+                return find_visibility(problem, fitted.solution, before, traced, self.ring.shape_is_known)
+            untold, solution = problem.fired & ~fitted.problem.fired, self._under_lobes(fitted.solution)
+            if self.gloss is None:
+                return Seen(before, solution.all_theta, untold)
+            alike = replace(self, gloss=self.gloss.commonest(problem.n_pixel))
+            surfaces = [world._with_surface(problem) for world in (self, alike)]
             traced = self._traced(fitted, problem)
-            return find_visibility(problem, fitted.solution, before, traced, self.ring.shape_is_known)
+            share, theta = unhide(surfaces, solution, before, traced, self.ring.shape_is_known)
+            return Seen(share, theta, untold & (share < 1).any(axis=0))
 
-        return self.memo("seen", (fitted, self.moved, self.recording, self.aim), work, 2)
+        key = fitted, self.moved, self.recording, self.aim, self.gloss, self.rough
+        return self.memo("seen", key, work, 2)
 
     def left_open(self, fitted: Fitted) -> np.ndarray:
         """Give the covariances of maps that not knowing what pixels see leaves open, see `visibility.left_open`."""
@@ -321,16 +331,20 @@ class World:
             pairs, fired = without(problem.pairs, seen.untold), problem.fired & ~seen.untold
             told = {"start": seen.theta, "visible": seen.share}
             problem = replace(problem, pairs=pairs, fired=fired, **told)
-        Float = type(problem.pairs.phases)
-        if self.metal is not None:
-            metal = dr.opaque(Float, self.metal)
-            return replace(problem, metal=metal, view=view_directions(self.ring, problem.pixel))
-        if self.rough is not None:
-            rough, view = dr.opaque(Float, self.rough), view_directions(self.ring, problem.pixel)
-            problem = replace(problem, rough=rough, view=view)
-        if self.gloss is None:
+        if self.gloss is not None and fitted and problem.start is None:
+            problem = replace(problem, start=self._under_lobes(fitted.solution).all_theta)
+        return self._with_surface(problem)
+
+    def _under_lobes(self, solution: Solution) -> Solution:
+        """Give a solution the mean thresholds that were found with the lobes; a matt fit takes gloss for smaller ones."""
+        found = self.gloss is not None and solution.threshold_prior is not None
+        return solution.with_thresholds(self.gloss.log_threshold) if found else solution
+
+    def _with_surface(self, problem: Problem) -> Problem:
+        """Say of what the surface is."""
+        if self.metal is None and self.rough is None and self.gloss is None:
             return problem
-        lobe, start = self.gloss.lobe(Float), problem.start
-        if fitted and fitted.solution.threshold_prior:
-            start = fitted.solution.with_thresholds(self.gloss.log_threshold)
-        return replace(problem, lobe=lobe, view=view_directions(self.ring, problem.pixel), start=start)
+        Float, view = type(problem.pairs.phases), view_directions(self.ring, problem.pixel)
+        metal, rough = (None if r is None else dr.opaque(Float, r) for r in (self.metal, self.rough))
+        lobe = None if self.gloss is None else self.gloss.lobe(Float)
+        return replace(problem, metal=metal, rough=rough, lobe=lobe, view=view)

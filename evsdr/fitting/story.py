@@ -22,7 +22,7 @@ from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.rough import RoughMatt
 from evsdr.effects.setup import SetUp, Wiring
-from evsdr.effects.shadows import Shadows, ShadowsInEvents, ShadowsOnFit
+from evsdr.effects.shadows import Shadows, ShadowsInEvents, ShadowsOnFit, ShadowsOrGloss
 from evsdr.effects.shared import SharedFound, find_shared, widened
 from evsdr.effects.thresholds import Thresholds, ThresholdScale, ThresholdsUnderVeil
 from evsdr.effects.translucent import Translucency, paid
@@ -74,6 +74,7 @@ EFFECTS = (
     RoughnessOfMetal(),
     RoughMatt(),
     GlossyLobes(),
+    ShadowsOrGloss(),
     Translucency(),
 )
 ROUNDS = "sketch", "again", "again"  # of fits, each under what the maps before tell that pixels share

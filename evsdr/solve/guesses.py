@@ -10,7 +10,6 @@ import numpy as np
 
 from evsdr.frozen import no_garbage_collection
 from evsdr.model.arrays import columns, owned
-from evsdr.model.lambert import LambertianRing
 from evsdr.solve.grid import lonely_grid
 from evsdr.solve.levenberg import descend
 from evsdr.solve.loop import data_of, start_of
@@ -124,7 +123,8 @@ class Judge:
         light, UInt32 = self.problem.illumination, type(self.pairs.first)
         Float = type(light.constant_light)
         index = owned(UInt32, pixel)
-        model = LambertianRing(light.gather(index).seen(share))
+        model = self.problem.model_at(index)
+        model = replace(model, illumination=model.illumination.seen(share))
         grid = lonely_grid(len(pixel), UInt32)
         width = Effort().width(self.solution.threshold_gain is not None)
         data = data_of(model, self.pairs.at(index), light.constant_light, grid, width)

@@ -198,8 +198,8 @@ class Solution:
         prior = (*(np.array(self.threshold_prior[:2]) + by[n:]), *self.threshold_prior[2:])
         return replace(self, theta=theta, threshold_gain=gain, threshold_prior=prior)
 
-    def with_thresholds(self, mean: np.ndarray) -> np.ndarray:
-        """Give all unknowns, with thresholds that are moved alike, until the means (2,) of their logarithms are as told."""
-        theta = self.all_theta.copy()
-        theta[:, -2:] += mean - np.array(self.threshold_prior[:2])
-        return theta
+    def with_thresholds(self, mean: np.ndarray) -> "Solution":
+        """Move thresholds alike, until the means (2,) of their logarithms are as told."""
+        by = np.zeros(self.theta.shape[1] + 2)
+        by[-2:] = mean - np.array(self.threshold_prior[:2])
+        return self.moved(by)

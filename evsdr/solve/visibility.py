@@ -5,6 +5,7 @@ fit that sees all LEDs turns the normal away from it. Guesses are compared where
 one arc in azimuth: arcs are tried first, then what the neighbours found, and small changes of the best.
 """
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -131,6 +132,48 @@ def find_visibility(
     blank = untold(problem, best.share, theta) & (not known)
     gain = np.where(same, 0, first.cost - best.cost)
     return Seen(best.share, theta, blank, gain, explained(best, suspected))
+
+
+def unhide(
+    problems: list[Problem],
+    solution: Solution,
+    given: np.ndarray,
+    traced: np.ndarray | None = None,
+    known: bool = False,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Let pixels see all LEDs where the events are as likely so: a lobe lights LEDs up, and a matt model takes the others for hidden.
+
+    Parameters
+    ----------
+    problems : list of Problem
+        Under light that nothing hides, with lobes: those that are believed, and others that a pixel may have if nothing is
+        hidden from it.
+    others
+        As of `find_visibility`.
+
+    Returns
+    -------
+    share : (n_led, n_pixel) float32
+        Visibility V, 0..1.
+    theta : (n_pixel, n_unknown) float32
+        The unknowns that go with it; those of the solution where nothing changes.
+    """
+    judges = [_judge(problem, solution, traced, known) for problem in problems]
+    share, hidden = np.asarray(given, np.float32), (given < 1).any(axis=0)
+    pixel = np.flatnonzero(hidden & (judges[0].pairs.counts > 0))
+    if len(pixel) == 0:
+        return share, solution.all_theta
+    unknown = Guess(share, solution.all_theta, np.full(problems[0].n_pixel, np.inf))
+    best = unknown.better(
+        pixel, share[:, pixel], *judges[0](pixel, share[:, pixel], unknown.theta[pixel], NEAR)
+    )
+    free, starts = np.ones((len(share), len(pixel)), np.float32), _starts(unknown)
+    if not hidden.all():
+        starts += ((unknown.theta[nearest(~hidden, problems[0].grid.mask)], NEAR),)
+    for judge, (theta, descents) in itertools.product(judges, starts):
+        best = best.better(pixel, free, *judge(pixel, free, theta[pixel], descents))
+    changed = (best.share != share).any(axis=0)
+    return best.share, np.where(changed[:, None], best.theta, solution.all_theta)
 
 
 def left_open(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from evsdr.effects.effect import Decision
-from evsdr.effects.shadows import EXPLAINED, Shadows, ShadowsInEvents, ShadowsOnFit
+from evsdr.effects.shadows import EXPLAINED, Shadows, ShadowsInEvents, ShadowsOnFit, ShadowsOrGloss
 from evsdr.effects.world import Fitted, World
 from evsdr.light.scene import load_scene
 from evsdr.records import Maps
@@ -147,3 +147,26 @@ def test_the_published_solver_says_that_it_finds_none(heard):
         "auto", replace(world, terms=replace(world.terms, solver="adam")), fitted
     )
     assert not decision.modelled and decision.why == "not modelled: the solver adam asks no events for them"
+
+
+def test_shadows_that_were_gloss_are_counted(heard):
+    """In one sentence, however often; once none is left, none is modelled."""
+    world, fitted = heard(300, 0.9)
+    found = Decision("cast shadows", True, "found: some", found={"pixels": 500})
+    glossy = replace(world, shadows="latent", gloss=object(), decisions={"cast shadows": found})
+
+    def ask(world, n_before, n_now):
+        share = world.seen(fitted).share
+        share[:5] = np.arange(share.shape[1]) >= n_now
+        before = np.where(np.arange(share.shape[1]) < n_before, np.float32(0), np.ones_like(share))
+        return ShadowsOrGloss().decide(
+            "auto", world, replace(fitted, problem=SimpleNamespace(visible=before))
+        )
+
+    assert ask(replace(glossy, gloss=None), 500, 300) is None and ask(glossy, 300, 300) is None
+    assert ask(replace(glossy, shadows="scene"), 500, 300) is None
+    some = ask(glossy, 500, 300)
+    assert some.modelled and some.why == "found: some; then found to be gloss in 200 pixels"
+    none = ask(replace(glossy, decisions={"cast shadows": some}), 300, 0)
+    assert not none.modelled and none.why == "found: some; then found to be gloss in 500 pixels"
+    assert none.found == {"pixels": 500, "gloss": 500} and ShadowsOrGloss().model(glossy, none) is glossy

@@ -1,15 +1,17 @@
 """The world gives the problem to solve; what it knows already it does not work out again."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from evsdr.effects.gloss_fit import Gloss
 from evsdr.effects.shared import Aim
 from evsdr.effects.world import Fitted, Memo, World
 from evsdr.errors import InputError
 from evsdr.files.events_h5 import read_recording
-from evsdr.model.gloss import GlossyRing
+from evsdr.model.gloss import GlossyRing, RoughCoating
 from evsdr.model.lambert import LambertianRing
 from evsdr.solve.visibility import Seen
 from tests.support.small_scene import leds, scene
@@ -65,9 +67,6 @@ def test_the_problem_of_a_recording(place, world):
 
 
 def test_lobes_are_in_the_problem(place, world):
-    from evsdr.effects.gloss_fit import Gloss
-    from evsdr.model.gloss import RoughCoating
-
     world = replace(world, recording=read_recording(place / "events.h5"))
     label = np.zeros(world.mask.sum(), int)
     glossy = replace(world, gloss=Gloss(RoughCoating, np.array([0.2]), np.array([0.5]), label))
@@ -124,19 +123,51 @@ def test_indirect_light_comes_where_leds_are_hidden(latent, monkeypatch):
     assert given[0].illumination.indirect is indirect.indirect
 
 
-def test_visibility_stays_once_lobes_are_known(latent):
+@pytest.fixture
+def half_hidden(latent):
+    """A fit in which one pixel sees a quarter of an LED, another tells nothing, and neither thresholds nor lobes are known."""
     world, fitted = latent
     share = np.ones((world.ring.leds.n_led, fitted.problem.n_pixel), np.float32)
     share[1, 3] = 0.25
     silent = np.flatnonzero(fitted.problem.fired)[:1]
+    share[2, silent] = 0
     fired = fitted.problem.fired.copy()
     fired[silent] = False
-    light = fitted.problem.illumination.seen(share)
-    problem = replace(fitted.problem, illumination=light, fired=fired, visible=share)
-    solution = type("Solution", (), {"all_theta": np.zeros((problem.n_pixel, 4), np.float32)})()
-    seen = replace(world, gloss=object()).seen(Fitted(problem, solution, None))
-    np.testing.assert_allclose(seen.share, share)
-    assert np.flatnonzero(seen.untold).tolist() == silent.tolist() and seen.theta is solution.all_theta
+    problem = replace(
+        fitted.problem, illumination=fitted.problem.illumination.seen(share), fired=fired, visible=share
+    )
+    theta = np.zeros((problem.n_pixel, 4), np.float32)
+    return world, Fitted(problem, SimpleNamespace(all_theta=theta, threshold_prior=None), None)
+
+
+def test_visibility_stays_once_a_rough_matt_part_is_known(half_hidden):
+    world, fitted = half_hidden
+    seen = replace(world, rough=object()).seen(fitted)
+    np.testing.assert_allclose(seen.share, fitted.problem.visible)
+    assert np.flatnonzero(seen.untold).tolist() == np.flatnonzero(fitted.problem.visible[2] == 0).tolist()
+    assert seen.theta is fitted.solution.all_theta
+
+
+def test_lobes_may_light_what_seemed_hidden(half_hidden, monkeypatch):
+    """Asked with each pixel's lobe and with that of most; pixels that see all LEDs again tell something."""
+    from evsdr.effects import world as module
+
+    world, fitted = half_hidden
+    n, asked = fitted.problem.n_pixel, []
+    theta = np.full((n, 4), 0.5, np.float32)
+
+    def light_up(problems, solution, share, *rest):
+        asked.extend([problems, share])
+        return np.where(share == 0, np.float32(1), share), theta
+
+    monkeypatch.setattr(module, "unhide", light_up)
+    label = (np.arange(n) < 5).astype(int)
+    gloss = Gloss(RoughCoating, np.array([0.2, 1.0]), np.array([0.5, 0.0]), label)
+    seen = replace(world, gloss=gloss).seen(fitted)
+    strengths = [np.unique(problem.lobe.strength.numpy()).tolist() for problem in asked[0]]
+    assert strengths == [[0, 0.5], [0.5]]
+    np.testing.assert_allclose(asked[1], fitted.problem.visible)
+    assert seen.share.min() == 0.25 and not seen.untold.any() and seen.theta is theta
 
 
 def test_weaker_leds_are_not_hidden(latent, monkeypatch):

@@ -3,21 +3,25 @@
 from dataclasses import replace
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 
 from evsdr.events.pairs import pair_events
+from evsdr.model.gloss import BlinnPhong
 from evsdr.solve import visibility
 from evsdr.solve.problem import make_problem
 from evsdr.solve.unknowns import normal_sigma_deg
-from evsdr.solve.visibility import doubtful, find_visibility, left_open
+from evsdr.solve.visibility import doubtful, find_visibility, left_open, unhide
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
+from tests.support.glossy import lobe_signals
 from tests.support.sphere import SPECTRUM, errors, record_signal, ring_light, solve
 
 SIZE = 20
 COPIES = 4  # operations of a kernel that only copies
 SOFT = np.ones(24)
 SOFT[3:12] = 0.8, 0.5, 0.2, 0, 0, 0, 0.2, 0.5, 0.8  # of an arc whose edges are soft
+LOBE = BlinnPhong, 20.0, 0.6  # kind, shininess, strength
 HIDDEN = np.arange(5, 10)  # LEDs that a wall hides from the upper right quarter
 
 
@@ -216,3 +220,57 @@ def test_little_of_an_led_is_doubtful_where_others_tell_as_much():
     expected = np.zeros(share.shape, bool)
     expected[0, 0] = expected[[0, 3], 4] = True
     np.testing.assert_array_equal(doubtful(share, band), expected)
+
+
+# ---------------------------------------------------------------------- gloss that passes for shadow
+
+
+@pytest.fixture(scope="module")
+def glossy():
+    """A glossy sphere with such a quarter: the problem, its matt solution and what that sees, and what is hidden indeed."""
+    normal, mask = sphere_normals(SIZE)
+    signal = lambert_signals(normal, np.broadcast_to(SPECTRUM, (SIZE, SIZE, 8)), ring_directions())
+    signal += lobe_signals(*LOBE, normal, ring_directions())
+    quarter = np.zeros_like(mask)
+    quarter[: SIZE // 2, SIZE // 2 :] = True
+    signal[HIDDEN] = np.where(quarter, 0, signal[HIDDEN])
+    recording = record_signal(np.where(mask, signal, 0), event_noise=0.02)
+    problem = make_problem(recording, pair_events(recording, mask), ring_light(), mask)
+    solution = solve(problem)
+    seen = find_visibility(problem, solution, everything(problem))
+    hidden = np.isin(np.arange(24), HIDDEN)[:, None] & quarter[mask] & is_lit(normal[mask])
+    return problem, replace(solution, theta=seen.theta), seen.share, hidden, normal[mask]
+
+
+def with_lobe(problem, strength):
+    kind, shape, _ = LOBE
+    lobe = kind(*(dr.full(mi.Float, v, problem.n_pixel) for v in (shape, strength)))
+    return replace(problem, lobe=lobe)
+
+
+@pytest.mark.parametrize("believed", [LOBE[2], 0.0])
+def test_lobes_light_what_a_matt_model_takes_for_hidden(glossy, believed):
+    """Also where a wrong guess has told that a pixel has no lobe."""
+    problem, solution, share, hidden, truth = glossy
+    problems = [with_lobe(problem, strength) for strength in (believed, LOBE[2])]
+    after, theta = unhide(problems, solution, share)
+    wrong = (share < 0.5).any(axis=0) & ~hidden.any(axis=0)
+    assert wrong.sum() > 20 and (after[:, wrong] == 1).all(axis=0).mean() > 0.9
+    before, mended = (errors(replace(solution, theta=t), truth)[0][wrong] for t in (solution.theta, theta))
+    assert before.mean() > 4 and mended.mean() < 0.5
+
+
+def test_real_shadows_on_gloss_stay(glossy):
+    problem, solution, share, hidden, _ = glossy
+    after, theta = unhide([with_lobe(problem, LOBE[2])] * 2, solution, share)
+    assert np.mean(share[hidden] < 0.5) > 0.9
+    np.testing.assert_array_equal(after[hidden], share[hidden])
+    same = (after == share).all(axis=0)
+    assert (theta[same] == solution.all_theta[same]).all()
+
+
+def test_where_nothing_is_hidden_no_event_is_asked(glossy, monkeypatch):
+    problem, solution, *_ = glossy
+    monkeypatch.setattr(visibility.Judge, "__call__", None)
+    share, theta = unhide([problem], solution, everything(problem))
+    assert (share == 1).all() and theta is solution.all_theta
