@@ -14,7 +14,7 @@ from evsdr.calibration.watched import Watched
 from evsdr.events.lead import TABLE
 from evsdr.solve.law import variance_of
 from evsdr.solve.noise import NOISE_RANGE
-from evsdr.solve.shared.kernel import ON, Terms, pixel_sums, slowest_of
+from evsdr.solve.shared.kernel import ON, Terms, pixel_sums
 from evsdr.solve.shared.pixels import stirred_values
 from evsdr.solve.shared.posterior import ROBUST, SLOPE_TERM, agreeing
 from evsdr.solve.shared.rig import TIMES, Rig
@@ -137,7 +137,7 @@ def _sum_part(k: int, part: Watched, modelled: tuple, belief: Belief, stirred: t
         stirred_values(
             Rig.of(np.concatenate([np.zeros(n_led), sensor, np.zeros(2 * n_led)]), n_led), stirred
         ),
-        Terms(part.crossfade, belief.scatter, ROBUST, SLOPE_TERM, slowest_of(part.threshold)),
+        Terms(part.crossfade, belief.scatter, ROBUST, SLOPE_TERM),
         TABLE,
         belief.weigh[k],
     )

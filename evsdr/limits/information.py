@@ -17,7 +17,7 @@ from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import LambertianRing
 from evsdr.records import Schedule
-from evsdr.solve.shared.kernel import Terms, slowest_of
+from evsdr.solve.shared.kernel import Terms
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.rig import Rig
 from evsdr.solve.unknowns import to_theta
@@ -159,7 +159,7 @@ def information_of(
     pixels: Pixels, theta: np.ndarray, rig: Rig, noise: float, own_thresholds: bool, tilted: bool
 ) -> tuple:
     """Give what `kernel.pixel_sums` does at the truth, of thresholds that scatter as a Gaussian."""
-    terms = Terms(pixels.crossfade, noise, GAUSSIAN, 1.0, slowest_of(pixels.threshold))
+    terms = Terms(pixels.crossfade, noise, GAUSSIAN, 1.0)
     weigh = np.zeros(pixels.n_event)
     if rig.noise:
         *_, weigh = pixels.sums(theta, rig, own_thresholds, tilted, terms, weigh)

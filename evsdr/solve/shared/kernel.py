@@ -38,13 +38,7 @@ class Terms(NamedTuple):
     scatter: float  # of the relative residual, beside the photoreceptor's noise
     robust: float  # width of Cauchy's cost in standard deviations
     slope_term: float  # weight of the density of event times
-    slowest: float  # dv/dt per slot, see `slowest_of`
     clock: float = 0.0  # slots in which a time may lie evenly
-
-
-def slowest_of(threshold: np.ndarray) -> float:
-    """Give the slope that counts as slow with thresholds as they are told; those that are found would shrink with it."""
-    return SLOWEST * float(np.mean(threshold))
 
 
 @njit(cache=True, error_model="numpy")
@@ -230,7 +224,7 @@ def _run(
     n_all = n + n_led + N_TIMING + n_led * tilts.shape[2]
     timing = n + n_led
     logs = n - 2 if own_thresholds else timing + ON  # first column of the thresholds
-    crossfade, told_noise, slowest = terms.crossfade, values[0, NOISE], terms.slowest
+    crossfade, told_noise = terms.crossfade, values[0, NOISE]
     tau, shift, refractory, leak = values[0, TAU], values[0, SHIFT], values[0, REFRACTORY], values[0, LEAK]
     moved_by = np.zeros(len(STIRRED))
     for q in range(len(STIRRED)):
@@ -280,6 +274,9 @@ def _run(
                 )
                 by_refractory = fading * own - by_shift
             late, log_now, own, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 1.0
+            side = 0 if p > 0 else 1
+            threshold = thresholds[i, side]
+            slowest = SLOWEST * threshold  # as it is told, contrasts that shrink would be likelier and likelier
             if not last:
                 fired = (at[k] - shift) % n_slot
                 for q in sets:
@@ -306,8 +303,6 @@ def _run(
             slot_0, fade_0 = shown_at(start, late_0, light, crossfade)
             answer_0 = _answer(lates[0], values[0], moved_by)
             if not last:
-                side = 0 if p > 0 else 1
-                threshold = thresholds[i, side]
                 since = length - refractory
                 u = p * (met[0] - reference[0] + leak * since) / threshold - 1
                 by_clock = terms.clock**2 / 12 * ((late * own) ** 2 + speed_0**2)
@@ -348,7 +343,7 @@ def _run(
                 slot, fade = phase_at(fired, crossfade, n_slot)
                 lit = 1 - values[0, DARK] / (own * tau)  # I / (I + dark)
                 _add_light(row, -factor * (1 + late * lit), slot, fade, leds, table, tilt, veil, band, n)
-                row[logs + side] = 1.0
+                row[logs + side] = factor * (late + leak / own)
                 _add(matrix, slopes, row, share, share)
             # thresholds that were not met: v is extreme where slots start
             n_probe = int(start + min(length - refractory, float(n_slot))) - int(start)

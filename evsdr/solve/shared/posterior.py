@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 
 from evsdr.solve.law import MEDIAN_OF_SQUARE, gaussian_share, variance_of
 from evsdr.solve.noise import NOISE_RANGE
-from evsdr.solve.shared.kernel import ON, Terms, slowest_of
+from evsdr.solve.shared.kernel import ON, Terms
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.rig import N_TIMING, NOT_NEGATIVE, Basis, Rig, Told
 from evsdr.solve.threshold_spread import LARGEST_VARIANCE, SMALLEST_SPREAD
@@ -148,8 +148,7 @@ class Posterior:
 
     def _sums(self, theta, free, some=None, kind=None) -> tuple:
         """See `kernel.pixel_sums`."""
-        slowest = slowest_of(self.pixels.threshold)
-        terms = Terms(self.pixels.crossfade, self.scatter, ROBUST, SLOPE_TERM, slowest, self.pixels.clock)
+        terms = Terms(self.pixels.crossfade, self.scatter, ROBUST, SLOPE_TERM, self.pixels.clock)
         given = self.own_thresholds, self.tilted, terms, self.weigh, some, self.stirred
         return self.pixels.sums(theta, self.rig(free), *given, kind)
 
