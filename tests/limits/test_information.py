@@ -9,6 +9,7 @@ from scipy.special import log_ndtr
 from evsdr.events.pixel import EventPixel
 from evsdr.events.simulator import draw_pattern, find_crossings
 from evsdr.limits.information import average_information
+from evsdr.solve.law import SLOWEST
 from evsdr.solve.shared.rig import N_TIMING
 from tests.support.analytic import ring_directions
 from tests.support.plans import PIXEL, SCHEDULE, many, plan_of
@@ -16,7 +17,6 @@ from tests.support.sphere import C_W, SPECTRUM
 
 BAND, N_SLOT = np.arange(24) % 8, 24
 N_OWN = 12  # slopes, log reflectances, log thresholds; after these the log powers of all LEDs, and the refractory period
-SLOW = 0.02
 BRIEF = 0.005  # refractory period [slots]
 
 
@@ -24,8 +24,8 @@ class Recordings:
     """Many recordings of one pixel, and the logarithm of their likelihood in plain NumPy.
 
     Between two events the next ON and the next OFF threshold compete: the density of the one that was met, and the
-    probability that the other was not met before. Light that changes by less than SLOW a slot counts as if by nearly that,
-    as everywhere: by light that hardly changes scores are without bounds.
+    probability that the other was not met before. Light that changes by less than SLOWEST thresholds a slot counts as if by
+    nearly that, as everywhere: by light that hardly changes scores are without bounds.
     """
 
     def __init__(self, plan, n: int):
@@ -77,7 +77,7 @@ class Recordings:
         mine, other = (np.exp(np.where(q > 0, *log_c)) for q in (p, -p))
         (now, speed), (reference, _) = log_light(self.end), log_light(start)
         z = (p * (now - reference) / mine - 1) / self.noise
-        value = -0.5 * z**2 - np.log(mine) + np.log(p * speed + np.hypot(speed, SLOW))
+        value = -0.5 * z**2 - np.log(mine) + np.log(p * speed + np.hypot(speed, SLOWEST * mine))
         value += log_unmet(start, self.end, reference, -p, other)
         total = np.bincount(self.number, value, self.n)
         start, stop = self.last + refractory, np.full(self.n, float(self.plan.n_round * N_SLOT))

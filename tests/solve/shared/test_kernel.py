@@ -14,7 +14,7 @@ from evsdr.events.simulator import simulate_events
 from evsdr.records import Recording, Sensor
 from evsdr.solve import silence_terms
 from evsdr.solve.event_terms import normal_equations
-from evsdr.solve.law import gaussian_share
+from evsdr.solve.law import SLOWEST, gaussian_share
 from evsdr.solve.loss import derivative_table
 from evsdr.solve.pair_data import PairData, bounds, pack_phases, pack_slots
 from evsdr.solve.shared.kernel import N_TIMING, OFF, ON, Terms, pixel_sums
@@ -22,7 +22,7 @@ from tests.support.pixel_light import ring
 from tests.support.sphere import NO_FLAWS
 
 N_LED, N_PIXEL, VEIL, FAST = 6, 5, 0.05, 1e-6
-ROBUST, SHARE, SLOW = 3.0, gaussian_share(3.0), 0.02
+ROBUST, SHARE = 3.0, gaussian_share(3.0)
 ORDER = np.array([0, 1, 6, 2, 5, 4, 3, 3])  # LED 6 is darkness
 BAND = np.arange(N_LED) % 3
 N_MAP, N_EVENT = 5, 40  # unknowns of the maps; events of a pixel
@@ -80,7 +80,7 @@ class Case:
         weigh = np.zeros(len(self.events[1])) if self.weigh is None else self.weigh
         return pixel_sums(
             self.events, ORDER, BAND, VEIL, signals, self.tilts, self.thresholds * np.exp(logs), self.own,
-            values, Terms(self.crossfade, self.scatter, ROBUST, SHARE, SLOW), TABLE, weigh, some,
+            values, Terms(self.crossfade, self.scatter, ROBUST, SHARE), TABLE, weigh, some,
         )  # fmt: skip
 
     @property
@@ -128,6 +128,18 @@ def test_the_gradient_is_that_of_the_cost(rng, own, crossfade):
     np.testing.assert_allclose(gradient(sums)[which], expected[which], atol=0.01 * np.abs(expected).max())
     assert np.isfinite(sums[3]).sum() > 100 and np.isnan(sums[3]).sum() > 15
     assert np.median(np.abs(expected[which])) > 10
+
+
+def test_nothing_is_gained_by_contrasts_that_shrink_with_thresholds(rng):
+    """Where LEDs hardly show beside constant light, log I is in proportion to their light; a leak shrinks, too."""
+    case = Case.draw(rng)
+    leak = np.array([0, 0, 0, 0, 0, 1, 0], bool)
+
+    def shrunk(by):
+        signals, values = case.signals * by, np.where(leak, by * case.values, case.values)
+        return replace(case, signals=signals, thresholds=case.thresholds * by, values=values).sums()[0]
+
+    np.testing.assert_allclose(shrunk(1e-6), shrunk(1e-4), rtol=1e-3)
 
 
 def test_some_pixels_are_as_among_all(rng):
@@ -191,22 +203,31 @@ def test_the_gradient_by_noise_is_that_of_residuals(loud):
 
 
 def test_the_information_of_thresholds_by_hand(loud):
-    """Each pair tells one by (u + 1) / scale, weighed by its law, and its time once more."""
-    sums = loud.sums()
-    u, polarity, scale = sums[3], loud.events[3], np.sqrt(loud.scatter**2 + 0.01)
-    for column, p in ((loud.n + N_LED + ON, 1), (loud.n + N_LED + OFF, -1)):
-        mine = u[np.isfinite(u) & (polarity == p)]
-        weight = 1 / (1 + (mine / scale / ROBUST) ** 2)
-        expected = np.sum(weight * ((mine + 1) / scale) ** 2 + SHARE)
-        assert sums[2][:, column, column].sum() == pytest.approx(expected)
+    """Each pair tells one by (u + 1) / scale, weighed by its law, and its time once more, the less the slower light changes."""
+    still = replace(loud, values=loud.values * [1, 1, 0, 1, 1, 1, 1])  # without noise u changes as v does
+    offset, at, *rest = still.events
+    sums, later = still.sums(), replace(still, events=(offset, at + 1e-6 * rest[2], *rest)).sums()
+    u, polarity, scale = sums[3], rest[1], np.sqrt(still.scatter**2 + 0.01)
+    speed = (later[3] - u) / 1e-6 + polarity * still.values[5] / threshold_of(still)  # in thresholds a slot
+    fast = speed / np.hypot(speed, SLOWEST)
+    for column, p in ((still.n + N_LED + ON, 1), (still.n + N_LED + OFF, -1)):
+        some = np.isfinite(u) & (polarity == p)
+        weight = 1 / (1 + (u[some] / scale / ROBUST) ** 2)
+        expected = np.sum(weight * ((u[some] + 1) / scale) ** 2 + SHARE * fast[some] ** 2)
+        assert sums[2][:, column, column].sum() == pytest.approx(expected, rel=1e-4)
+    assert np.abs(fast[np.isfinite(u)]).min() < 0.8
+
+
+def threshold_of(case):
+    """Give the threshold that each event met."""
+    return case.thresholds[np.repeat(np.arange(N_PIXEL), N_EVENT), (case.events[3] < 0).astype(int)]
 
 
 def test_the_variance_of_a_residual_is_that_of_both_ends(loud):
     """Far beyond the time constant the reference is noise at rest; the lead scatters less."""
     apart = replace(loud, values=loud.values + [0, 0, 0, 0, 0.2, 0, 0])
     variance, u = apart.sums()[4], apart.sums()[3]
-    own = apart.thresholds[np.repeat(np.arange(N_PIXEL), N_EVENT), (loud.events[3] < 0).astype(int)]
-    relative = (variance * own**2 / 0.03**2)[np.isfinite(u)]
+    relative = (variance * threshold_of(apart) ** 2 / 0.03**2)[np.isfinite(u)]
     assert 1.2 < np.median(relative) < 2 and relative.max() < 2.01 and relative.min() > 1
 
 
@@ -268,7 +289,7 @@ def test_events_without_noise_leave_no_residual(rng, tau, crossfade):
     def residual(*truth):
         values = np.tile(np.maximum([*truth, 0], [FAST, 0, 0, -1, 0, 0, 0]), (5, 1))
         thresholds = np.stack([on.ravel(), off.ravel()], axis=-1).astype(float)
-        terms = Terms(crossfade, 0.01, ROBUST, SHARE, SLOW)
+        terms = Terms(crossfade, 0.01, ROBUST, SHARE)
         given_light = np.arange(N_LED), np.arange(N_LED) % 3, VEIL, table, np.zeros((6, N_LED, 0)), thresholds
         out = pixel_sums(given, *given_light, False, values, terms, TABLE, np.zeros(len(t)))
         return out[3][np.isfinite(out[3])]
@@ -329,7 +350,7 @@ def test_the_law_is_that_of_the_maps_solver(rng, monkeypatch):
     thresholds = np.stack([on.ravel(), off.ravel()], axis=-1).astype(float)
     found = pixel_sums(
         ours, ORDER, BAND, VEIL, table, np.zeros((N_PIXEL, N_LED, 0)), thresholds, True, values,
-        Terms(1.0, scale, ROBUST, SHARE, SLOW), TABLE, np.zeros(len(t)),
+        Terms(1.0, scale, ROBUST, SHARE), TABLE, np.zeros(len(t)),
     )  # fmt: skip
     assert len(pairs.silent_start) > 20
     # between nodes a parabola stands for log I: its slope is off by up to a half percent
