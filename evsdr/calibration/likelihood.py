@@ -135,7 +135,7 @@ def _sum_part(k: int, part: Watched, modelled: tuple, belief: Belief, stirred: t
         part.threshold * np.exp(gains),
         part.own_thresholds,
         stirred_values(
-            Rig.of(np.concatenate([np.zeros(n_led), sensor, np.zeros(2 * n_led)]), n_led), stirred
+            Rig.of(np.concatenate([np.zeros(n_led), sensor, np.zeros(1 + 2 * n_led)]), n_led), stirred
         ),
         Terms(part.crossfade, belief.scatter, ROBUST, SLOPE_TERM),
         TABLE,

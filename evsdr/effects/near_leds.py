@@ -2,8 +2,11 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import against, mean_error
+from evsdr.effects.shared import WARNED, SharedEffect, SharedFound
 from evsdr.effects.world import TRIAL_RAYS, Fitted, World
 
 NEAR, FAR = "near: direction and fall-off per pixel", "far: one direction for all pixels"
@@ -33,6 +36,37 @@ class NearLeds:
     def model(self, world: World, decision: Decision | None = None) -> World:
         """Trace direction and fall-off at each pixel."""
         return replace(world, near=True)
+
+
+class DistanceOfNearLeds(SharedEffect):
+    """How far near LEDs are from an unknown shape: a rectangle stands for it, somewhere in it or beside it."""
+
+    name, group = "distance of the surface", "distance"
+    untold = "no LED is near to a surface of unknown shape"
+
+    def say(self, found: SharedFound) -> str:
+        """Give the distance."""
+        by, sigma = self._found(found)
+        return f"{abs(by):.3g} +- {sigma:.2g} scene units {'nearer to' if by >= 0 else 'farther from'} the camera than the rectangle"
+
+    def warning(self, found: SharedFound) -> str:
+        """Give the distance, if it is more than a rectangle can be off."""
+        by, sigma = self._found(found)
+        if abs(by) <= WARNED * np.hypot(found.told.distance, sigma):
+            return ""
+        return f"the surface is {self.say(found)} that stands for it; measure how far it is from the LEDs."
+
+    def numbers(self, found: SharedFound) -> dict:
+        """Give it in numbers."""
+        return dict(zip(("nearer", "nearer_sigma"), self._found(found)))
+
+    def model(self, world: World, decision: Decision) -> World:
+        """Put it there."""
+        return replace(world, nearer=self._found(decision.answer)[0])
+
+    @staticmethod
+    def _found(found: SharedFound) -> tuple[float, float]:
+        return found.inferred.rig.distance, found.inferred.sigma.distance
 
 
 class DepthOfNearLeds:

@@ -27,6 +27,8 @@ CLEAR = 4.0  # standard deviations from which there is a lag, and a dark current
 CLEAR_NOISE = 12.0
 # Light without a lag has kinks, which no event passes: its likelihood is not smooth in a shift
 WITH_LAG = "tau", "dark", "noise", "shift"
+# Tolerance of where a surface is that a rectangle stands for, of its width, and tolerances within which it is looked for; guessed
+OF_EXTENT, REACH = 0.25, 2.0
 WARNED = 3.0  # tolerances beyond which a value found is worth a warning
 
 
@@ -97,11 +99,16 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
     row = choose(problem, solution, N_PIXEL)
     if len(row) < FEWEST_PIXELS:
         return None
-    pixels = collect(world.recording, problem, solution, row, world.clock_us)
-    told = world.terms.told
+    told, nearer = world.terms.told, None
+    if world.distance_is_unknown and "distance" in world.terms.shared:
+        told = replace(told, distance=OF_EXTENT * world.surface.extent)
+        nearer = world.nearer_light(fitted, row, REACH * told.distance)
+    pixels = collect(world.recording, problem, solution, row, world.clock_us, nearer)
     if "refractory_us" in sensor.guessed:
         told = replace(told, refractory_us=GUESSED_REFRACTORY_US)
     names = [name for group in world.terms.shared for name in GROUPS[group] if name != "dark"]
+    if nearer is None:
+        names = [name for name in names if name != "distance"]
     if not is_far(pixels.light) or world.metal is not None:
         names = [name for name in names if name != "directions"]
     if "tau" not in names:

@@ -3,15 +3,20 @@
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from evsdr.light.camera import camera_geometry
 from evsdr.light.ground_truth import object_depth
-from evsdr.light.scene import RingScene, move_object, with_object
+from evsdr.light.scene import RingScene, move_object, rectangle_corners, with_object
 from evsdr.records import Maps
 from evsdr.shape.depth import Depth
 from evsdr.shape.traced import depth_of, surface_files, traced_mesh
 
 if TYPE_CHECKING:
     from evsdr.effects.world import Fitted
+
+
+RECTANGLE = np.array([[0, 1, 2], [0, 2, 3]])  # corners of its triangles
 
 
 class FittedSurface:
@@ -22,18 +27,39 @@ class FittedSurface:
         self.camera, self.to_world = camera_geometry(ring.sensor)
         self._scene: RingScene | None = None
         self._depth: Depth | None = None
-        self._fitted: "Fitted | None" = None
+        self._fitted: tuple["Fitted | None", float] = None, 0.0
+        self._flat: RingScene | None = None
         self._anchor = object_depth(ring)
 
-    def depth(self, fitted: "Fitted") -> Depth:
-        """Integrate the fitted normals."""
-        return depth_of(fitted.maps, fitted.problem.grid.mask, self.camera, self._anchor)
+    def depth(self, fitted: "Fitted", nearer: float = 0.0) -> Depth:
+        """Integrate the fitted normals; the surface is nearer to the camera than what stands for it."""
+        return depth_of(fitted.maps, fitted.problem.grid.mask, self.camera, self._anchor).nearer(nearer)
 
-    def follow(self, fitted: "Fitted", pixels: float) -> tuple[RingScene, float]:
+    @property
+    def extent(self) -> float:
+        """Give the width of a square as large as what stands for the surface is seen [scene units]; 0 if it is not."""
+        seen = self._anchor > 0
+        depth = self._anchor[seen].mean() if self.camera.perspective and seen.any() else 1.0
+        return float(np.sqrt(np.count_nonzero(seen) * np.prod(self.camera.pixel_size)) * depth)
+
+    def placeholder(self, nearer: float) -> RingScene:
+        """Give the scene with the rectangle that stands for an unknown shape nearer to the camera."""
+        if nearer == 0:
+            return self.ring
+        position = rectangle_corners(self.ring) + nearer * self.to_world[:3, 2]
+        if self._flat is None:
+            self._flat = with_object(self.ring, position, RECTANGLE)
+        else:
+            move_object(self._flat, position, RECTANGLE)
+        return self._flat
+
+    def follow(self, fitted: "Fitted", pixels: float, nearer: float = 0.0) -> tuple[RingScene, float]:
         """Give the scene with the surface of a fit, and the length of so many pixels there [scene units]."""
-        if fitted is not self._fitted:
-            self._fitted, self._depth = fitted, self.depth(fitted)
-            position, face = traced_mesh(self._depth, self.to_world)
+        if fitted is not self._fitted[0]:
+            self._depth = self.depth(fitted)
+        if fitted is not self._fitted[0] or nearer != self._fitted[1]:
+            self._fitted = fitted, nearer
+            position, face = traced_mesh(self._depth.nearer(nearer), self.to_world)
             if self._scene is None:
                 self._scene = with_object(self.ring, position, face)
             else:

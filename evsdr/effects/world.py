@@ -22,6 +22,7 @@ from evsdr.records import Maps, Recording
 from evsdr.solve.background import Activity, without_chance
 from evsdr.solve.pair_data import unlit_by, without
 from evsdr.solve.problem import Problem, make_problem
+from evsdr.solve.shared.pixels import Nearer
 from evsdr.solve.shared.rig import GROUPS, Told
 from evsdr.solve.solution import Solution
 from evsdr.solve.visibility import Seen, doubtful, find_visibility, left_open, unhide
@@ -141,6 +142,8 @@ class World:
         Step of the clock, if it is more than a microsecond; each event came within its step.
     aim : Aim, optional
         What LEDs do otherwise than told.
+    nearer : float
+        By how much the surface is nearer to the camera than the rectangle that stands for it [scene units].
     gloss : Gloss, optional
         Lobes.
     metal : float, optional
@@ -172,6 +175,7 @@ class World:
     clock_us: float = 0.0
     found: SharedFound | None = None
     aim: Aim | None = None
+    nearer: float = 0.0
     gloss: Gloss | None = None
     metal: float | None = None
     rough: float | None = None
@@ -219,7 +223,7 @@ class World:
         """
 
         def work():
-            scene, free = (self.ring, 0.0) if fitted is None else self.surface.follow(fitted, skip)
+            scene, free = self._placed(fitted, skip, self.nearer)
             given = scene, rays
             light, _ = trace_illumination(*given, shadows, self.terms.seed + seed, free)
             if self.veil is not None:
@@ -229,8 +233,29 @@ class World:
             whole = trace_illumination(*given, False, self.terms.seed + seed)[0] if shadows else light
             return light.far(whole, self.look(fitted).pixel)
 
-        light = self.memo("trace", (self.near, self.veil, shadows, rays, fitted, skip, seed), work, 2)
+        key = self.near, self.veil, shadows, rays, fitted, skip, seed, self.nearer
+        light = self.memo("trace", key, work, 2)
         return self.memo("aim", (light, self.aim), lambda: self.aim(light), 2) if self.aim else light
+
+    def _placed(self, fitted: Fitted | None, skip: float, nearer: float) -> tuple[RingScene, float]:
+        """Give the scene with the surface of a fit, or what stands for it; and what length counts as none [scene units]."""
+        if fitted is None:
+            return (self.surface.placeholder(nearer) if nearer else self.ring), 0.0
+        return self.surface.follow(fitted, skip, nearer)
+
+    @property
+    def distance_is_unknown(self) -> bool:
+        """Whether LEDs are near to a surface that a rectangle stands for, somewhere."""
+        return self.near and not self.ring.shape_is_known
+
+    def nearer_light(self, fitted: Fitted, row: np.ndarray, reach: float) -> Nearer:
+        """Give the light of some rows of a fit's problem if the surface is nearer to the camera, up to `reach`, or farther."""
+        surface = fitted if self.moved else None
+        pixel = owned(type(fitted.problem.pairs.first), fitted.problem.pixel[row])
+        nodes = (self.nearer - reach, self.nearer, self.nearer + reach)
+        scenes = (self._placed(surface, SKIP, by)[0] for by in nodes)
+        light = [trace_illumination(scene, TRIAL_RAYS, False, self.terms.seed)[0] for scene in scenes]
+        return Nearer(reach, tuple(each.gather(pixel) for each in light))
 
     def illumination(self, fitted: Fitted | None = None, rays: int | None = None) -> Illumination:
         """Give the light that is modelled, on the surface of a fit where that counts, with `rays` per pixel there."""
@@ -246,7 +271,7 @@ class World:
             follows = (
                 surface is not None or not self.ring.shape_is_known
             )  # a placeholder sends nothing to itself
-            scene, free = self.surface.follow(fitted, SKIP) if follows else (self.ring, 0.0)
+            scene, free = self._placed(fitted, SKIP, self.nearer) if follows else (self.ring, 0.0)
             depth, seed = self.ring.integrator.max_depth, self.terms.seed
             return replace(light, indirect=trace_indirect(scene, fitted.maps, light, depth, seed, free))
 

@@ -17,7 +17,7 @@ from evsdr.effects.lag import PhotoreceptorLag
 from evsdr.effects.leak import Leak
 from evsdr.effects.leds import LedDirections, LedPowers
 from evsdr.effects.metal import Metal, RoughnessOfMetal
-from evsdr.effects.near_leds import DepthOfNearLeds, NearLeds
+from evsdr.effects.near_leds import DepthOfNearLeds, DistanceOfNearLeds, NearLeds
 from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.rough import RoughMatt
@@ -61,6 +61,7 @@ EFFECTS = (
     ThresholdsUnderVeil(),
     LedPowers(),
     LedDirections(),
+    DistanceOfNearLeds(),
     TimeShift(),
     Refractory(),
     Leak(),
@@ -131,7 +132,7 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
         if changed:
             fitted = solve(world.problem(fitted), fitted, "light", advance)
-        if world.shadows == "latent":
+        if world.shadows == "latent" or world.moved:
             world, fitted = share_anew(told, world, fitted, settings, solve, advance)
     matt = fitted
     with stages.stage("residuals") as advance:
@@ -171,7 +172,7 @@ def fit_recording(
     stopped = stages.enough
     fitted = replace(fitted, maps=paid(widened(fitted.maps, world.decisions), world.decisions))
     with stages.stage("surface"):
-        depth = world.surface.depth(fitted) if fitted.maps.mask.any() else None
+        depth = world.surface.depth(fitted, world.nearer) if fitted.maps.mask.any() else None
         surface = world.surface.files(depth, fitted.maps) if depth else {}
     geometry.check_pieces(world)
     geometry.check_normals(world, fitted.maps)
@@ -302,7 +303,8 @@ def share_anew(
     told: World, world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
 ) -> tuple[World, Fitted]:
     """Infer what pixels share once more, now that the light's model is another; `told` is the world before any was inferred."""
-    before = replace(world, recording=told.recording, lag=told.lag, leak=told.leak, aim=told.aim, found=None)
+    as_told = {name: getattr(told, name) for name in ("recording", "lag", "leak", "aim", "nearer")}
+    before = replace(world, found=None, **as_told)
     seen = replace(fitted, problem=before.problem(fitted))
     new, changed = decide("alone", before, seen, settings, progress)
     if new is before:  # as told to stop

@@ -223,6 +223,14 @@ def with_object(ring: RingScene, position: np.ndarray, face: np.ndarray) -> Ring
     return placed if ring.trim is None else placed.trimmed(ring.trim)
 
 
+def rectangle_corners(ring: RingScene) -> np.ndarray:
+    """Give the corners (4, 3) in the world, in order, of the `rectangle` that stands for an unknown shape."""
+    shape = next(s for s in ring.scene.shapes() if s.id() == "object")
+    to_world = np.array(mi.traverse(shape)["to_world"].matrix, float).reshape(4, 4)
+    corner = np.array([[-1, -1, 0, 1], [1, -1, 0, 1], [1, 1, 0, 1], [-1, 1, 0, 1]], float)
+    return (corner @ to_world.T)[:, :3]
+
+
 def move_object(ring: RingScene, position: np.ndarray, face: np.ndarray) -> None:
     """Move the vertices of a mesh from `with_object`; as many vertices and triangles as it has."""
     scene = mi.traverse(ring.scene)

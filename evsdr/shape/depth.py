@@ -6,7 +6,7 @@ Integration: A Survey"). The weights follow the depth by iteratively reweighted 
 "Bilateral Normal Integration"), each round solved by conjugate gradients from the round before.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +58,14 @@ class Depth:
     camera: CameraGeometry
     normal: np.ndarray
     tied: tuple[np.ndarray, np.ndarray]
+
+    def nearer(self, by: float) -> "Depth":
+        """Move every component nearer to the camera, by its mean depth."""
+        if not self.camera.perspective:
+            return replace(self, depth=np.where(self.mask, self.depth - by, 0))
+        index = np.arange(1, self.component.max() + 1)
+        factor = 1 - by / ndimage.mean(self.depth, self.component, index)
+        return replace(self, depth=self.depth * np.concatenate([[0], factor])[self.component])
 
     @property
     def points(self) -> np.ndarray:

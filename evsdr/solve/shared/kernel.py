@@ -23,7 +23,8 @@ from evsdr.solve.shared.rig import N_TIMING
 from evsdr.threads import N_CHUNK, in_chunks
 
 FAR = 5.0  # standard deviations of a threshold within which silence says nothing
-TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, POLE, ON, OFF = range(9)  # columns after those of the LEDs
+TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, POLE, ON, OFF, DISTANCE = range(10)  # columns after those of the LEDs
+BY_DISTANCE = 4  # row of the signals
 STIRRED = TAU, DARK, NOISE, POLE  # by which derivatives are differences
 EARLIER = 1e-6  # slots, for derivatives
 KINK = 0.01  # change of the rarity by a small step of timing that no smooth light makes
@@ -69,6 +70,8 @@ def _add_light(row, factor, slot, fade, leds, table, tilt, veil, band, n_map):
             row[1] += part * table[2, led]
             row[2 + band[led]] += part * table[3, led]
             row[n_map + led] += part * table[0, led]
+            if len(table) > BY_DISTANCE:
+                row[n_map + n_led + DISTANCE] += part * table[BY_DISTANCE, led]
             for k in range(tilt.shape[1]):
                 row[n_map + n_led + N_TIMING + 2 * led + k] += part * table[0, led] * tilt[led, k]
 
@@ -157,8 +160,9 @@ def pixel_sums(
     band : (n_led,) int64
     veil : float
         C_w.
-    signals : (n_pixel, 4, n_led) float64
-        A_xj, its derivatives by p and q, and the part that scales with the reflectance.
+    signals : (n_pixel, 4 or 5, n_led) float64
+        A_xj, its derivatives by p and q, the part that scales with the reflectance, and, where LEDs are near to a surface
+        whose distance is unknown, the derivative by that.
     tilts : (n_pixel, n_led, 2 or 0) float64
         Derivatives of log A_xj by the LED's direction.
     thresholds : (n_pixel, 2) float64

@@ -27,10 +27,51 @@ CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more 
 FEW = 1e-3  # of the events, that may come sooner: noise
 # C_w that times of photoreceptors are made for, and what a C_w of 0 counts as
 USUAL_DARK, LEAST_DARK = 0.05, 1e-9
+DARKEST = 1e-30  # irradiance
 # Photoreceptors that are quicker than the first (where darkness is as bright as usual) are none: thresholds' scatter passes for noise of
 # one of 0.1 us, and a search there ends at no contrast at all. Those of event cameras take the second and more. Both guessed
 QUICKEST_US, USUAL_US = 1.0, 10.0
+STEP_OF_REACH = 1e-2  # for derivatives by distance
 STEPS = {"tau": 1e-5, "dark": 1e-4, "noise": 1e-5, "pole": 1e-2}  # for derivatives
+
+
+@dataclass(frozen=True)
+class Nearer:
+    """The light of some pixels if the surface is nearer to the camera.
+
+    Attributes
+    ----------
+    reach : float
+        How far it may be [scene units].
+    light : (3,) Illumination
+        At -reach, 0 and reach.
+    """
+
+    reach: float
+    light: tuple
+
+    def __call__(self, light: Illumination, by: float) -> Illumination:
+        """Give light as if the surface were nearer.
+
+        The direction divided by the root of the irradiance is in proportion to the way to a point LED: it follows a parabola
+        between the three, of points exactly.
+        """
+        x, Float = by / self.reach, type(light.constant_light)
+        weight = [dr.opaque(Float, w) for w in (0.5 * x * (x - 1), 1 - x * x, 0.5 * x * (x + 1))]
+        return _nearer(light, list(self.light), weight)
+
+
+@recorded
+def _nearer(light: Illumination, nodes: list, weight: list) -> Illumination:
+    direction, irradiance = [], []
+    for j, (here, e) in enumerate(zip(light.direction, light.irradiance)):
+        length = [dr.rsqrt(dr.maximum(node.irradiance[j], DARKEST)) for node in nodes]
+        ways = [[n * node.direction[j][k] for n, node in zip(length, nodes)] for k in range(3)]
+        way = [sum(w * a for w, a in zip(weight, of)) + length[1] * here[k] - of[1] for k, of in enumerate(ways)]
+        square = sum(a * a for a in way)
+        direction.append(type(here)(*(a * dr.rsqrt(square) for a in way)))
+        irradiance.append(e * dr.square(length[1]) / square)
+    return replace(light, direction=direction, irradiance=irradiance)
 
 
 @dataclass(frozen=True)
@@ -51,6 +92,8 @@ class Pixels:
         Of the schedule.
     clock : float
         Step of the clock [slots].
+    nearer : Nearer, optional
+        Where LEDs are near to a surface whose distance is not known.
     """
 
     model: object
@@ -61,6 +104,7 @@ class Pixels:
     crossfade: float
     slot_us: float
     clock: float = 0.0
+    nearer: Nearer | None = None
 
     @property
     def light(self) -> Illumination:
@@ -99,14 +143,23 @@ class Pixels:
         return replace(self, events=(offset, at, gap, polarity, inside & ~left, ending))
 
     def signals(self, theta: np.ndarray, rig: Rig) -> np.ndarray:
-        """Give the signals (n_pixel, 4, n_led) of maps (n_pixel, 2 + n_band) under a rig, see `kernel.pixel_sums`."""
-        Float = type(self.light.constant_light)
-        model = self.model
-        if rig.tilt.any():
-            model = replace(model, illumination=turned(self.light, rig.tilt))
-        parts = _signals(model, columns(Float, theta), self.softness)
-        rows = [[np.broadcast_to(v.numpy(), len(theta)) for v in part] for part in parts]
+        """Give the signals (n_pixel, 4 or 5, n_led) of maps (n_pixel, 2 + n_band) under a rig, see `kernel.pixel_sums`."""
+        light = turned(self.light, rig.tilt) if rig.tilt.any() else self.light
+        if self.nearer is None:
+            rows = self._signals(light, theta)
+        else:
+            step = STEP_OF_REACH * self.nearer.reach
+            rows, after, before = (
+                self._signals(self.nearer(light, rig.distance + by), theta) for by in (0, step, -step)
+            )
+            rows = np.concatenate([rows, (after[:1] - before[:1]) / (2 * step)])
         return np.ascontiguousarray(np.transpose(rows, (2, 0, 1)) * np.exp(rig.log_power))
+
+    def _signals(self, light: Illumination, theta: np.ndarray) -> np.ndarray:
+        """Give the first four of them (4, n_led, n_pixel) under some light."""
+        model = replace(self.model, illumination=light)
+        parts = _signals(model, columns(type(light.constant_light), theta), self.softness)
+        return np.array([[np.broadcast_to(v.numpy(), len(theta)) for v in part] for part in parts], float)
 
     def tilts(self, theta: np.ndarray, rig: Rig) -> np.ndarray:
         """Give the derivatives (n_pixel, n_led, 2) of log A_xj by the direction of far LEDs.
@@ -216,9 +269,14 @@ def choose(problem: Problem, solution: Solution, most: int) -> np.ndarray:
 
 
 def collect(
-    recording: Recording, problem: Problem, solution: Solution, row: np.ndarray, clock_us: float = 0.0
+    recording: Recording,
+    problem: Problem,
+    solution: Solution,
+    row: np.ndarray,
+    clock_us: float = 0.0,
+    nearer: Nearer | None = None,
 ) -> Pixels:
-    """Collect some rows of a problem, with the events of their pixels."""
+    """Collect some rows of a problem, with the events of their pixels, and what light they have if the surface is nearer."""
     schedule, pairs, light = recording.schedule, problem.pairs, problem.illumination
     Float, UInt32 = type(light.constant_light), type(pairs.first)
     soft = dr.opaque(Float, light.horizon, problem.n_pixel)
@@ -234,6 +292,7 @@ def collect(
         crossfade=float(schedule.crossfade),
         slot_us=float(schedule.slot_us),
         clock=clock_us / schedule.slot_us,
+        nearer=nearer,
     )
 
 

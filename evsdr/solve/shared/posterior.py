@@ -215,7 +215,11 @@ class Posterior:
         owner = self.basis.owner
         least = np.where(np.isin(owner, NOT_NEGATIVE), 0, -np.inf)
         least = np.where(owner == "tau", self.pixels.quickest, least)
-        return np.clip(free, least, np.where(owner == "refractory", self.pixels.shortest, np.inf))
+        most = np.where(owner == "refractory", self.pixels.shortest, np.inf)
+        if self.pixels.nearer:
+            reach = np.where(owner == "distance", self.pixels.nearer.reach, np.inf)
+            least, most = np.maximum(least, -reach), np.minimum(most, reach)
+        return np.clip(free, least, most)
 
     def lacks_lag(self, point: Point) -> bool:
         """Tell whether photoreceptors are as quick as can be."""

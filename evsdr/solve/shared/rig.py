@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 TIMES = ("tau", "dark", "noise", "shift", "refractory", "leak", "pole")
-NAMES = ("powers", *TIMES, "thresholds", "directions")
+NAMES = ("powers", *TIMES, "thresholds", "distance", "directions")
 CONSIDERED = "pole"  # known only as told, which sigmas of the others hold (Schmidt 1966)
-N_TIMING = len(TIMES) + 2  # columns of the border between powers and directions
+N_TIMING = len(TIMES) + 3  # columns of the border between powers and directions
 GROUPS = {  # what a user can leave out, and what is decided on together
     "powers": ("powers",),
     "lag": ("tau", "dark", "noise"),
@@ -15,6 +15,7 @@ GROUPS = {  # what a user can leave out, and what is decided on together
     "refractory": ("refractory",),
     "leak": ("leak",),
     "thresholds": ("thresholds",),
+    "distance": ("distance",),
     "directions": ("directions",),
 }
 NOT_NEGATIVE = ("tau", "dark", "noise", "refractory")
@@ -46,6 +47,8 @@ class Rig:
         Mean logarithms of C_on and C_off over the pixels, relative to what is told.
     tilt : (n_led, 2) float
         By which each LED's direction is turned, along `across` [rad].
+    distance : float
+        By how much the surface is nearer to the camera, so to near LEDs, than what stands for it [scene units].
     """
 
     log_power: np.ndarray
@@ -58,18 +61,19 @@ class Rig:
     pole: float
     log_threshold: np.ndarray
     tilt: np.ndarray
+    distance: float = 0.0
 
     @classmethod
     def of(cls, vector: np.ndarray, n_led: int) -> "Rig":
         """Read a vector, as columns of the border are ordered."""
         times, rest = vector[n_led : n_led + len(TIMES)], vector[n_led + len(TIMES) :]
-        return cls(vector[:n_led], *times.tolist(), rest[:2], rest[2:].reshape(n_led, 2))
+        return cls(vector[:n_led], *times.tolist(), rest[:2], rest[3:].reshape(n_led, 2), float(rest[2]))
 
     @property
     def vector(self) -> np.ndarray:
         """All values (3 n_led + N_TIMING,)."""
         times = [getattr(self, name) for name in TIMES]
-        return np.concatenate([self.log_power, times, self.log_threshold, self.tilt.ravel()])
+        return np.concatenate([self.log_power, times, self.log_threshold, [self.distance], self.tilt.ravel()])
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,8 @@ class Told:
         Of the mean logarithm of each threshold.
     directions_deg : float
         Of an LED's direction, each way.
+    distance : float
+        Of that of the surface [scene units].
     """
 
     powers: float = 0.05
@@ -104,6 +110,7 @@ class Told:
     pole: float = 1.0
     thresholds: float = 0.3
     directions_deg: float = 0.5
+    distance: float = 1.0
 
     def tolerance(self, slot_us: float) -> dict[str, float]:
         """Give the standard deviation by name, in the units of `Rig`."""
@@ -117,6 +124,7 @@ class Told:
             leak=self.leak * 1e-6 * slot_us,
             pole=self.pole,
             thresholds=self.thresholds,
+            distance=self.distance,
             directions=np.radians(self.directions_deg),
         )
 
@@ -145,7 +153,8 @@ class Basis:
         n_led = len(band)
         one = np.eye(3 * n_led + N_TIMING)
         found: dict[str, list] = {name: [one[n_led + k]] for k, name in enumerate(TIMES)}
-        found["thresholds"] = list(one[n_led + len(TIMES) : n_led + N_TIMING])
+        found["thresholds"] = list(one[n_led + len(TIMES) : n_led + len(TIMES) + 2])
+        found["distance"] = [one[n_led + N_TIMING - 1]]
         found["directions"] = list(one[n_led + N_TIMING :])
         found["powers"] = []
         for b in set(band):
