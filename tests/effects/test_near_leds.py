@@ -1,12 +1,24 @@
 """LEDs at finite distance, told from far ones by what their parallax does to normals."""
 
+from types import SimpleNamespace
+
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.effects.near_leds import DepthOfNearLeds, NearLeds
+from evsdr.effects.effect import Decision
+from evsdr.effects.near_leds import DepthOfNearLeds, DistanceOfNearLeds, NearLeds
+from evsdr.solve.shared.rig import Told
+from tests.support.shared_worlds import found
 from tests.support.small_scene import leds, scene
 from tests.support.worlds import load, world_of
+
+PLANE = (
+    '<shape type="rectangle" id="object"><transform name="to_world"><scale value="0.8"/></transform></shape>'
+)
+DISTANCE = 4.0
+LED = np.array([1, 0, 1]) * DISTANCE / 2**0.5  # the first one
 
 
 @pytest.mark.parametrize(("distance", "near"), [(4, True), (4000, False)])
@@ -40,3 +52,55 @@ def test_far_stands_for_near_where_it_may(tmp_path):
 def test_a_known_shape_has_its_own_depth(tmp_path):
     world = NearLeds().model(world_of(load(tmp_path, scene(light=leds(distance=4)))))
     assert DepthOfNearLeds().decide("auto", world, None) is None
+
+
+def light_at(world, by, led):
+    """Give directions (3, n) and irradiance (n,) of an LED at the pixels of a plane at z = by, and the pixels; in closed form."""
+    camera, ring = world.surface.camera, world.ring
+    seen = world.mask.ravel()
+    x, y, _ = camera.points(np.ones((ring.height, ring.width))).reshape(-1, 3)[seen].T
+    way = led[:, None] - np.stack([x, y, np.full(len(x), by)])
+    square = np.sum(way**2, axis=0)
+    return way / np.sqrt(square), DISTANCE**2 / square, seen
+
+
+@pytest.mark.parametrize("by", [0.3, -0.2])
+def test_a_surface_that_is_nearer_has_other_light(tmp_path, by):
+    """That of a point LED on a plane that is moved towards the camera; and what is looked for beside that is the same."""
+    world = NearLeds().model(world_of(load(tmp_path, scene(shape=PLANE, light=leds(distance=DISTANCE)))))
+    assert world.distance_is_unknown and world.surface.extent == pytest.approx(1.6, abs=0.2)
+    moved = DistanceOfNearLeds().model(world, Decision("", True, "", answer=found(distance=by)))
+    direction, irradiance, seen = light_at(world, by, LED)
+    fitted = SimpleNamespace(
+        problem=SimpleNamespace(pixel=np.flatnonzero(seen), pairs=SimpleNamespace(first=mi.UInt32(0)))
+    )
+    rows = np.arange(len(irradiance))
+    here, there = world.illumination().gather(mi.UInt32(np.flatnonzero(seen))), moved.illumination()
+    for light in (
+        there.gather(mi.UInt32(np.flatnonzero(seen))),
+        world.nearer_light(fitted, rows, 0.5)(here, by),
+        moved.nearer_light(fitted, rows, 0.5).light[1],
+    ):
+        np.testing.assert_allclose(np.array(light.direction[0]), direction, atol=0.02)
+        np.testing.assert_allclose(light.irradiance[0].numpy(), irradiance, rtol=0.04)
+    assert np.abs(here.irradiance[0].numpy() / irradiance - 1).min() > 0.05
+
+
+def test_the_distance_is_unknown_only_of_unknown_shapes_near_leds(tmp_path):
+    near = NearLeds().model(world_of(load(tmp_path, scene(light=leds(distance=4)))))
+    far = world_of(load(tmp_path, scene(shape=PLANE)))
+    assert not near.distance_is_unknown and not far.distance_is_unknown
+
+
+@pytest.mark.parametrize(
+    ("by", "warned", "words"),
+    [
+        (0.2, False, "0.2 +- 0.01 scene units nearer to the camera than the rectangle"),
+        (-2.0, True, "2 +- 0.01 scene units farther from the camera than the rectangle"),
+    ],
+)
+def test_the_distance_is_told(by, warned, words):
+    """And warned of beyond three tolerances."""
+    effect, answer = DistanceOfNearLeds(), found(distance=by, told=Told(distance=0.5))
+    assert effect.say(answer) == words and effect.numbers(answer) == {"nearer": by, "nearer_sigma": 0.01}
+    assert bool(effect.warning(answer)) == warned and (words in effect.warning(answer)) == warned

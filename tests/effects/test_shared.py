@@ -13,6 +13,7 @@ from evsdr.effects.effect import Decision
 from evsdr.effects.lag import PhotoreceptorLag
 from evsdr.effects.leak import Leak
 from evsdr.effects.leds import LedDirections, LedPowers
+from evsdr.effects.near_leds import DistanceOfNearLeds
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.shared import Aim, find_shared, plus_minus, widened
 from evsdr.effects.thresholds import ThresholdScale
@@ -26,7 +27,16 @@ from tests.support.shared_worlds import FITTED, decision, found, world
 from tests.support.sphere import solve, sphere_recording
 from tests.support.worlds import SmallWorld, problem_of
 
-EFFECTS = (LedPowers, LedDirections, TimeShift, Refractory, ThresholdScale, PhotoreceptorLag, Leak)
+EFFECTS = (
+    LedPowers,
+    LedDirections,
+    DistanceOfNearLeds,
+    TimeShift,
+    Refractory,
+    ThresholdScale,
+    PhotoreceptorLag,
+    Leak,
+)
 
 
 @pytest.mark.parametrize("kind", EFFECTS)
@@ -91,7 +101,7 @@ class RealWorld(SmallWorld):
     """With what an inference looks at."""
 
     decisions: dict = field(default_factory=dict)
-    found, ring, background, clock_us = None, None, None, 0.0
+    found, ring, background, clock_us, distance_is_unknown = None, None, None, 0.0, False
 
     @property
     def memo(self):

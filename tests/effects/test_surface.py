@@ -103,3 +103,21 @@ def test_a_scene_follows_its_fit(tmp_path):
     again, _ = surface.follow(flat, 0.5)
     assert again is there and object_normals(there)[inner][:, 2].min() > 0.99
     assert set(surface.files(surface.depth(fit), fit.maps)) == {"depth.exr", "mesh.ply"}
+
+
+@pytest.mark.parametrize("kind", ["orthographic", "perspective"])
+def test_a_surface_may_be_nearer_than_what_stands_for_it(tmp_path, kind):
+    """The rectangle, and the surface of a fit, whose normals stay; what is nearer by nothing is where it was."""
+    sensor, plane = camera(kind=kind, width=40, height=40), '<shape type="rectangle" id="object"/>'
+    ring = load(tmp_path, scene(sensor=sensor, shape=plane))
+    surface, fit = FittedSurface(ring), fit_of(ring)
+    assert surface.placeholder(0.0) is ring
+    inner = object_depth(surface.follow(fit, 0.5)[0]) > 0
+    for by in (0.3, -0.2):
+        for there in (surface.placeholder(by), surface.follow(fit, 0.5, by)[0]):
+            seen = inner & (object_depth(there) > 0)
+            np.testing.assert_allclose(object_depth(there)[seen], 4 - by, atol=1e-3)
+        depth = surface.depth(fit, by)
+        np.testing.assert_allclose(depth.depth[depth.mask], 4 - by, atol=1e-3)
+    np.testing.assert_allclose(object_depth(surface.follow(fit, 0.5)[0])[inner], 4, atol=1e-3)
+    assert surface.extent == pytest.approx(2.0, abs=0.1)

@@ -23,7 +23,9 @@ from evsdr.solve.shared.rig import N_TIMING
 from evsdr.threads import N_CHUNK, in_chunks
 
 FAR = 5.0  # standard deviations of a threshold within which silence says nothing
-TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, POLE, ON, OFF, DISTANCE = range(10)  # columns after those of the LEDs
+TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, POLE, ON, OFF, DISTANCE = range(
+    10
+)  # columns after those of the LEDs
 BY_DISTANCE = 4  # row of the signals
 STIRRED = TAU, DARK, NOISE, POLE  # by which derivatives are differences
 EARLIER = 1e-6  # slots, for derivatives
@@ -280,7 +282,9 @@ def _run(
             late, log_now, own, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 1.0
             side = 0 if p > 0 else 1
             threshold = thresholds[i, side]
-            slowest = SLOWEST * threshold  # as it is told, contrasts that shrink would be likelier and likelier
+            slowest = (
+                SLOWEST * threshold
+            )  # as it is told, contrasts that shrink would be likelier and likelier
             if not last:
                 fired = (at[k] - shift) % n_slot
                 for q in sets:

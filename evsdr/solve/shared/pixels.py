@@ -67,7 +67,9 @@ def _nearer(light: Illumination, nodes: list, weight: list) -> Illumination:
     for j, (here, e) in enumerate(zip(light.direction, light.irradiance)):
         length = [dr.rsqrt(dr.maximum(node.irradiance[j], DARKEST)) for node in nodes]
         ways = [[n * node.direction[j][k] for n, node in zip(length, nodes)] for k in range(3)]
-        way = [sum(w * a for w, a in zip(weight, of)) + length[1] * here[k] - of[1] for k, of in enumerate(ways)]
+        way = [
+            sum(w * a for w, a in zip(weight, of)) + length[1] * here[k] - of[1] for k, of in enumerate(ways)
+        ]
         square = sum(a * a for a in way)
         direction.append(type(here)(*(a * dr.rsqrt(square) for a in way)))
         irradiance.append(e * dr.square(length[1]) / square)

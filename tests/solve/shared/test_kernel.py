@@ -59,6 +59,8 @@ class Case:
         )
         signals = rng.uniform(0.2, 1, (N_PIXEL, 4, N_LED))
         signals[:, 1:3] -= 0.6
+        by_distance = np.random.default_rng(1).uniform(-0.4, 0.4, (N_PIXEL, 1, N_LED))
+        signals = np.concatenate([signals, by_distance], axis=1)
         values = np.array([tau, 0.02, noise, 0.013, 0.05, 0.04, 0.1])
         tilts = rng.normal(0, 0.5, (N_PIXEL, N_LED, 2))
         thresholds = rng.uniform(0.2, 0.8, (N_PIXEL, 2))
@@ -70,10 +72,10 @@ class Case:
         n = self.n
         maps, shared = move[:N_MAP], move[n:]
         power, timing, tilt = np.split(shared, [N_LED, N_LED + N_TIMING])
-        logs = move[N_MAP:n] if self.own else timing[7:]
+        logs = move[N_MAP:n] if self.own else timing[7:9]
         signals = self.signals.copy()
         signals[:, 0] += signals[:, 1] * maps[0] + signals[:, 2] * maps[1]
-        signals[:, 0] += signals[:, 3] * np.expm1(maps[2:][BAND])
+        signals[:, 0] += signals[:, 3] * np.expm1(maps[2:][BAND]) + signals[:, 4] * timing[9]
         signals[:, 0] *= np.exp(power + np.einsum("ijk,jk->ij", self.tilts, tilt.reshape(N_LED, 2)))
         values = np.tile(self.values + timing[:7], (5, 1))
         values[[1, 2, 3, 4], [0, 1, 2, 6]] += STEPS[[0, 1, 2, 6]]
@@ -124,7 +126,7 @@ def test_the_gradient_is_that_of_the_cost(rng, own, crossfade):
     sums, expected = case.sums(), case.by_steps(lambda s: s[0].sum(), case.steps)
     which = everything_but_timing(case)
     if own:
-        assert not gradient(sums)[case.n + N_LED + 6 :][:2].any()
+        assert not gradient(sums)[case.n + N_LED + 6 :][:3].any()
     np.testing.assert_allclose(gradient(sums)[which], expected[which], atol=0.01 * np.abs(expected).max())
     assert np.isfinite(sums[3]).sum() > 100 and np.isnan(sums[3]).sum() > 15
     assert np.median(np.abs(expected[which])) > 10

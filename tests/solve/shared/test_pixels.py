@@ -9,10 +9,12 @@ import pytest
 
 from evsdr.model.arrays import owned
 from evsdr.model.gloss import RoughCoating
+from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import signals_of
 from evsdr.solve.shared.pixels import (
     FEWEST_EVENTS,
     SHORTEST,
+    Nearer,
     choose,
     collect,
     is_far,
@@ -146,3 +148,45 @@ def test_the_shortest_time_between_events_is_that_of_a_pixel(case):
     assert replace(case.pixels, events=(offset, at, spaced, *rest)).shortest == pytest.approx(0.4)
     few = (np.array([0, 1, 2]), at[:2], gap[:2], *rest)
     assert replace(case.pixels, events=few).shortest == np.inf
+
+
+@pytest.mark.parametrize("by", [-0.7, 0.0, 0.3, 0.9])
+def test_light_of_point_leds_is_right_wherever_the_surface_is(by):
+    """Between the three places where it is traced, too; LEDs that are hidden in part, or of other power, stay so."""
+    rng = np.random.default_rng(0)
+    place, led = rng.uniform(-1, 1, (3, 50)), np.array([2.0, 0.5, 2.5])
+
+    def light(by, factor=1.0):
+        way = led[:, None] - place - [[0], [0], [by]]
+        square = np.sum(way**2, axis=0)
+        direction = mi.Vector3f(*(mi.Float(c.astype(np.float32)) for c in way / np.sqrt(square)))
+        return Illumination(
+            [direction], [mi.Float((factor / square).astype(np.float32))], [0], mi.Float(0.05)
+        )
+
+    found = Nearer(1.0, tuple(light(z) for z in (-1, 0, 1)))(light(0, 0.3), by)
+    expected = light(by, 0.3)
+    np.testing.assert_allclose(np.array(found.direction[0]), np.array(expected.direction[0]), atol=1e-5)
+    np.testing.assert_allclose(found.irradiance[0].numpy(), expected.irradiance[0].numpy(), rtol=1e-5)
+
+
+def test_signals_have_their_derivative_by_distance(case):
+    """Of a surface that LEDs are near to; without one there are four rows only."""
+    theta, n = case.solution.theta[case.row].astype(float), len(case.row)
+    far = case.pixels.light
+
+    def light(by):
+        wide = [
+            type(d)(*(c + 0.1 * by * (k == 0) + dr.zeros(mi.Float, n) for k, c in enumerate(d)))
+            for d in far.direction
+        ]
+        return replace(
+            far, direction=wide, irradiance=[e * (1 + by) + dr.zeros(mi.Float, n) for e in far.irradiance]
+        )
+
+    near = replace(case.pixels, nearer=Nearer(0.5, tuple(light(by) for by in (-0.5, 0, 0.5))))
+    assert case.pixels.signals(theta, case.told).shape[1] == 4
+    signals = near.signals(theta, case.told)
+    high, low = (near.signals(theta, replace(case.told, distance=by))[:, 0] for by in (0.02, -0.02))
+    np.testing.assert_allclose(signals[:, 4], (high - low) / 0.04, atol=2e-3 * np.abs(signals[:, 4]).max())
+    assert np.abs(signals[:, 4]).max() > 0.3 * signals[:, 0].max()

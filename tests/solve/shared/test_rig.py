@@ -16,7 +16,7 @@ def test_a_rig_is_read_as_it_is_written():
     np.testing.assert_array_equal(rig.vector, vector)
     assert [getattr(rig, name) for name in TIMES] == [6, 7, 8, 9, 10, 11, 12]
     assert rig.log_power.tolist() == [0, 1, 2, 3, 4, 5] and rig.log_threshold.tolist() == [13, 14]
-    assert rig.tilt.shape == (6, 2) and rig.tilt[1].tolist() == [17, 18]
+    assert rig.distance == 15 and rig.tilt.shape == (6, 2) and rig.tilt[1].tolist() == [18, 19]
     np.testing.assert_array_equal(np.flatnonzero(replace(rig, shift=-1.0).vector != vector), [9])
 
 
@@ -33,7 +33,11 @@ def test_all_directions_are_orthonormal_and_powers_of_a_band_add_up_to_0():
     for b in range(3):
         np.testing.assert_allclose(powers[np.array(BAND) == b].sum(axis=0), 0, atol=1e-12)
     count = {name: int(np.sum(basis.owner == name)) for name in NAMES}
-    assert count == {name: 1 for name in TIMES} | {"powers": 3, "thresholds": 2, "directions": 12}
+    assert count == {name: 1 for name in (*TIMES, "distance")} | {
+        "powers": 3,
+        "thresholds": 2,
+        "directions": 12,
+    }
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -59,7 +63,7 @@ def test_tolerances_are_in_the_units_of_a_rig():
     assert found == pytest.approx(
         dict(
             tau=2, shift=3, refractory=4, directions=np.pi / 2, powers=0.1, dark=0.2, noise=0.3, leak=5e-6,
-            thresholds=told.thresholds, pole=told.pole,
+            thresholds=told.thresholds, pole=told.pole, distance=told.distance,
         )
     )  # fmt: skip
     assert set(found) == set(NAMES)
