@@ -147,9 +147,9 @@ class TimeShift(SharedEffect):
         return f"events are {plus_minus(found.us('shift'))} late"
 
     def warning(self, found: SharedFound) -> str:
-        """Give the shift, if it is more than triggers can be off."""
+        """Give the shift, if it is more than triggers can be off, or noise fires events early."""
         shift, sigma = found.us("shift")
-        if abs(shift) <= WARNED * math.hypot(found.told.shift_us, sigma):
+        if abs(shift) <= WARNED * math.hypot(found.told.shift_us, sigma, found.inferred.lead * found.slot_us):
             return ""
         return f"events are {shift:.3g} us late against the triggers or start_us; check these."
 

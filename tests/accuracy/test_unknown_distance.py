@@ -7,7 +7,9 @@ import evsdr
 from evsdr.fitting.settings import SHARED
 from tests.support.small_scene import camera, leds, scene
 
-PLANE = '<shape type="rectangle" id="object"><transform name="to_world"><scale value="1.1"/></transform></shape>'
+PLANE = (
+    '<shape type="rectangle" id="object"><transform name="to_world"><scale value="1.1"/></transform></shape>'
+)
 pytestmark = pytest.mark.filterwarnings("ignore::evsdr.InputWarning")  # maps that are wrong are warned of
 SIZE, BESIDE = 28, tuple(name for name in SHARED if name != "distance")
 

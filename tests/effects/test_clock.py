@@ -34,6 +34,13 @@ def test_a_large_shift_is_warned_of(shift, warned):
     assert bool(sentence) == warned
 
 
+def test_a_shift_that_noise_can_make_is_no_warning():
+    """Noise fires events early, by what is not known better than that."""
+    shared = found(shift=0.2)
+    assert TimeShift().warning(shared)
+    assert not TimeShift().warning(replace(shared, inferred=replace(shared.inferred, lead=0.08)))
+
+
 def test_a_shift_is_not_told_without_a_lag():
     known = found(shift=0.1, names=("powers", "refractory"))
     chosen = TimeShift().decide("auto", world(known=known), FITTED)

@@ -282,9 +282,7 @@ def _run(
             late, log_now, own, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 1.0
             side = 0 if p > 0 else 1
             threshold = thresholds[i, side]
-            slowest = (
-                SLOWEST * threshold
-            )  # as it is told, contrasts that shrink would be likelier and likelier
+            slowest = SLOWEST * threshold  # not of what is told: contrasts that shrink would be ever likelier
             if not last:
                 fired = (at[k] - shift) % n_slot
                 for q in sets:

@@ -163,6 +163,14 @@ class Pixels:
         parts = _signals(model, columns(type(light.constant_light), theta), self.softness)
         return np.array([[np.broadcast_to(v.numpy(), len(theta)) for v in part] for part in parts], float)
 
+    def speed(self, theta: np.ndarray, rig: Rig) -> float:
+        """Give by how much log I changes in a slot, in the median one of those that fade; never 0."""
+        dark = np.zeros((len(theta), 1))
+        light = np.concatenate([self.signals(theta, rig)[:, 0], dark], axis=1)[:, self.leds]
+        log_light = np.log(np.maximum(light + float(self.light.constant_light[0]), DARKEST))
+        change = np.abs(log_light - np.roll(log_light, 1, axis=1))
+        return max(float(np.median(change)), 1e-6)
+
     def tilts(self, theta: np.ndarray, rig: Rig) -> np.ndarray:
         """Give the derivatives (n_pixel, n_led, 2) of log A_xj by the direction of far LEDs.
 

@@ -24,7 +24,7 @@ from evsdr.solve.shared.pixels import (
 )
 from evsdr.solve.shared.rig import across
 from tests.support.shared_unknowns import N_LED, Case
-from tests.support.sphere import ring_light
+from tests.support.sphere import C_W, ring_light
 
 
 @pytest.fixture(scope="module")
@@ -190,3 +190,11 @@ def test_signals_have_their_derivative_by_distance(case):
     high, low = (near.signals(theta, replace(case.told, distance=by))[:, 0] for by in (0.02, -0.02))
     np.testing.assert_allclose(signals[:, 4], (high - low) / 0.04, atol=2e-3 * np.abs(signals[:, 4]).max())
     assert np.abs(signals[:, 4]).max() > 0.3 * signals[:, 0].max()
+
+
+def test_the_speed_of_light_is_that_of_the_median_slot(case):
+    """Of log I, of all LEDs in turn."""
+    theta = case.solution.theta[case.row].astype(float)
+    light = np.log(case.pixels.signals(theta, case.told)[:, 0] + C_W)
+    expected = np.median(np.abs(light - np.roll(light, -1, axis=1)))
+    assert case.pixels.speed(theta, case.told) == pytest.approx(expected, rel=1e-5)
