@@ -9,6 +9,10 @@ from evsdr.effects.sensitivity import against, mean_error
 from evsdr.effects.shared import WARNED, SharedEffect, SharedFound
 from evsdr.effects.world import TRIAL_RAYS, Fitted, World
 
+UNASKED = (
+    "how far the surface is from the LEDs was taken from the rectangle that stands for it, and errors may be larger than sigmas "
+    "say: the preset balanced asks the events."
+)
 NEAR, FAR = "near: direction and fall-off per pixel", "far: one direction for all pixels"
 
 
@@ -43,6 +47,13 @@ class DistanceOfNearLeds(SharedEffect):
 
     name, group = "distance of the surface", "distance"
     untold = "no LED is near to a surface of unknown shape"
+
+    def decide(self, asked, world: World, fitted: Fitted) -> Decision | None:
+        """Take what the events tell; where none were asked though all hangs on it, that is doubtful."""
+        decision = super().decide(asked, world, fitted)
+        if decision.answer or self.group not in world.terms.shared or not world.distance_is_unknown:
+            return decision
+        return replace(decision, doubt=UNASKED)
 
     def say(self, found: SharedFound) -> str:
         """Give the distance."""

@@ -9,8 +9,9 @@ import pytest
 
 from evsdr.effects.effect import Decision
 from evsdr.effects.near_leds import DepthOfNearLeds, DistanceOfNearLeds, NearLeds
+from evsdr.effects.world import Terms
 from evsdr.solve.shared.rig import Told
-from tests.support.shared_worlds import found
+from tests.support.shared_worlds import FITTED, found, world
 from tests.support.small_scene import leds, scene
 from tests.support.worlds import load, world_of
 
@@ -104,3 +105,19 @@ def test_the_distance_is_told(by, warned, words):
     effect, answer = DistanceOfNearLeds(), found(distance=by, told=Told(distance=0.5))
     assert effect.say(answer) == words and effect.numbers(answer) == {"nearer": by, "nearer_sigma": 0.01}
     assert bool(effect.warning(answer)) == warned and (words in effect.warning(answer)) == warned
+
+
+@pytest.mark.parametrize(
+    ("terms", "unknown", "doubted"),
+    [
+        (Terms(thorough=False), True, True),
+        (Terms(thorough=False), False, False),
+        (Terms(shared=("powers",)), True, False),
+        (Terms(), True, False),
+    ],
+)
+def test_a_distance_of_which_no_event_is_asked_is_doubtful(terms, unknown, doubted):
+    """But not where a user tells it."""
+    known = found(distance=0.1)
+    decision = DistanceOfNearLeds().decide("auto", world(terms, known, distance_is_unknown=unknown), FITTED)
+    assert bool(decision.doubt) == doubted and decision.modelled == (terms == Terms())

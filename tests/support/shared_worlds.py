@@ -55,6 +55,7 @@ class SharedWorld:
     thresholds: bool = False
     found: object = None
     memo: Memo = None
+    distance_is_unknown: bool = False
 
 
 def world(terms=Terms(), known=None, **more) -> SharedWorld:
