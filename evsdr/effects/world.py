@@ -30,6 +30,7 @@ from evsdr.solve.visibility import Seen, doubtful, find_visibility, left_open, u
 TRIAL_RAYS = 4  # per pixel: of trials, and for the object's outline
 ROUND_RAYS = 1  # per pixel, while light and surface change
 SKIP = 0.05  # pixels: hits nearer than that to an estimated surface are the surface itself
+MOST_HALVED = 6  # of how far a surface may be from where it stands
 SURE = 0.5  # pixels: nearer hits may come of the noise of an estimated surface
 
 
@@ -249,13 +250,24 @@ class World:
         return self.near and not self.ring.shape_is_known
 
     def nearer_light(self, fitted: Fitted, row: np.ndarray, reach: float) -> Nearer:
-        """Give the light of some rows of a fit's problem if the surface is nearer to the camera, up to `reach`, or farther."""
+        """Give the light of some rows of a fit's problem if the surface is nearer to the camera, up to `reach`, or farther.
+
+        Less far where it would lie beside or behind LEDs with a surface, which shine to one side only.
+        """
         surface = fitted if self.moved else None
         pixel = owned(type(fitted.problem.pairs.first), fitted.problem.pixel[row])
-        nodes = (self.nearer - reach, self.nearer, self.nearer + reach)
-        scenes = (self._placed(surface, SKIP, by)[0] for by in nodes)
-        light = [trace_illumination(scene, TRIAL_RAYS, False, self.terms.seed)[0] for scene in scenes]
-        return Nearer(reach, tuple(each.gather(pixel) for each in light))
+
+        def light(by: float) -> Illumination:
+            scene, _ = self._placed(surface, SKIP, self.nearer + by)
+            return trace_illumination(scene, TRIAL_RAYS, False, self.terms.seed)[0].gather(pixel)
+
+        here = light(0.0)
+        for _ in range(MOST_HALVED):
+            nearer = Nearer(reach, (light(-reach), here, light(reach)))
+            if nearer.is_lit:
+                break
+            reach /= 2
+        return nearer
 
     def illumination(self, fitted: Fitted | None = None, rays: int | None = None) -> Illumination:
         """Give the light that is modelled, on the surface of a fit where that counts, with `rays` per pixel there."""

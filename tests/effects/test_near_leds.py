@@ -10,6 +10,7 @@ import pytest
 from evsdr.effects.effect import Decision
 from evsdr.effects.near_leds import DepthOfNearLeds, DistanceOfNearLeds, NearLeds
 from evsdr.effects.world import Terms
+from evsdr.rig.led_xml import spectrum_xml, square_led
 from evsdr.solve.shared.rig import Told
 from tests.support.shared_worlds import FITTED, found, world
 from tests.support.small_scene import leds, scene
@@ -85,6 +86,18 @@ def test_a_surface_that_is_nearer_has_other_light(tmp_path, by):
         np.testing.assert_allclose(np.array(light.direction[0]), direction, atol=0.02)
         np.testing.assert_allclose(light.irradiance[0].numpy(), irradiance, rtol=0.04)
     assert np.abs(here.irradiance[0].numpy() / irradiance - 1).min() > 0.05
+
+
+def test_no_surface_is_looked_for_behind_leds_that_shine_to_one_side(tmp_path):
+    """Square LEDs at a height of 2.8: there is no light at 3 and more."""
+    square = square_led("led_000", "light", LED, 0.2) + square_led("led_001", "light", LED * [-1, 1, 1], 0.2)
+    light = spectrum_xml(np.array([430.0, 450.0, 470.0]), np.array([0.0, 1.0, 0.0]), id="light") + square
+    world = NearLeds().model(world_of(load(tmp_path, scene(shape=PLANE, light=light))))
+    seen = np.flatnonzero(world.mask)
+    fitted = SimpleNamespace(problem=SimpleNamespace(pixel=seen, pairs=SimpleNamespace(first=mi.UInt32(0))))
+    assert world.nearer_light(fitted, np.arange(len(seen)), 1.0).reach == 1.0
+    halved = world.nearer_light(fitted, np.arange(len(seen)), 4.0)
+    assert halved.reach == 2.0 and halved.is_lit
 
 
 def test_the_distance_is_unknown_only_of_unknown_shapes_near_leds(tmp_path):

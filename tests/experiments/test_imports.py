@@ -17,6 +17,11 @@ MEASURED = {
     "cast_shadow": {"light", "effects.world"},  # tells where shadows are, and traces none
     "colour_chart": {"files.daylight"},
     "daylight_table.py": {"files.daylight"},
+    "draws": {
+        "fitting.simulation",
+        "rig",
+        "scenes",
+    },  # writes rings, gives rendered images to other event pixels
     "extremes": {"jit"},  # which Mitsuba's transformations need first
     "fuzz": {"files", "rig", "calibration", "jit"},
     "gloss": {"fitting.simulation", "light"},  # adds a lobe to rendered images

@@ -50,6 +50,19 @@ class Nearer:
     reach: float
     light: tuple
 
+    @property
+    def is_lit(self) -> bool:
+        """Whether every LED that shines on a pixel does so wherever the surface is."""
+        lit = [
+            np.array([np.broadcast_to(e.numpy() > 0, self.n_pixel) for e in of.irradiance])
+            for of in self.light
+        ]
+        return bool(np.all(lit[1] <= (lit[0] & lit[2])))
+
+    @property
+    def n_pixel(self) -> int:
+        return max(dr.width(e) for e in self.light[1].irradiance)
+
     def __call__(self, light: Illumination, by: float) -> Illumination:
         """Give light as if the surface were nearer.
 

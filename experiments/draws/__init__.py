@@ -1,0 +1,1 @@
+"""Scenes, rings, sensors and what is told wrong, drawn at random: where are errors larger than sigmas say?"""

@@ -1,0 +1,52 @@
+"""Draws at random: the same seed draws the same, and a fit is told what it should be told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.draws.__main__ import line, record
+from experiments.draws.cases import MATERIALS, SHAPES, draw
+from experiments.sigma.compute import Errors
+
+SIZE = 8
+
+
+def test_a_seed_draws_the_same():
+    assert draw(3) == draw(3) != draw(4)
+    assert len({draw(seed).pixel for seed in range(60)}) == 6
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("leds", ["far", "near", "soft"])
+def test_a_fit_is_told_the_shape_only_where_it_is_known(known, leds):
+    case = replace(
+        draw(0), shape="blob", leds=leds, known=known, pixel="evk4", power=0.1, told_threshold=1.15
+    )
+    told, recording, truth = record(replace(case, rounds=1), SIZE)
+    assert told.shape_is_known == known and told.is_near == (leds != "far") and truth.mask.any()
+    assert recording.sensor.contrast_threshold_on == pytest.approx(1.15 * case.on, rel=0.01)
+    powers = case.log_power.reshape(3, 8)
+    np.testing.assert_allclose(powers.sum(axis=0), 0, atol=1e-12)
+    assert powers.std() > 0.05
+
+
+@pytest.mark.parametrize("shape", [s for s in SHAPES if s in ("sphere", "cylinder", "plane", "relief")])
+@pytest.mark.parametrize("material", MATERIALS)
+def test_all_scenes_can_be_recorded(shape, material):
+    case = replace(
+        draw(1), shape=shape, material=material, leds="far", pixel="evk4_like", rounds=1, slot_us=2000.0
+    )
+    told, recording, truth = record(replace(case, pauses=True), SIZE)
+    assert truth.mask.any() and len(recording.schedule.order) == 32
+    assert told.constant_light == pytest.approx(case.constant_light + 0.002, rel=1e-3)  # its dark current
+
+
+def test_a_row_says_what_was_drawn_and_kept():
+    errors = Errors(
+        0.9, 1.25, 1.0, 0.1, np.full(10, 0.5), np.full((10, 2), -2.5), np.zeros(0), np.zeros(0), "trustworthy"
+    )
+    row = line(replace(draw(2), seed=17), errors, [True, False], 12.3)
+    assert (
+        row.startswith("| 17: ") and "| 90%, 1.25, 100 100 100 | 0 0 100 | yes no | 12 | trustworthy |" in row
+    )
