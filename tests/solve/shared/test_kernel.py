@@ -17,7 +17,7 @@ from evsdr.solve.event_terms import normal_equations
 from evsdr.solve.law import SLOWEST, gaussian_share
 from evsdr.solve.loss import derivative_table
 from evsdr.solve.pair_data import PairData, bounds, pack_phases, pack_slots
-from evsdr.solve.shared.kernel import N_TIMING, OFF, ON, Terms, pixel_sums
+from evsdr.solve.shared.kernel import DISTANCE, N_TIMING, OFF, ON, Terms, pixel_sums
 from tests.support.pixel_light import ring
 from tests.support.sphere import NO_FLAWS
 
@@ -75,7 +75,8 @@ class Case:
         logs = move[N_MAP:n] if self.own else timing[7:9]
         signals = self.signals.copy()
         signals[:, 0] += signals[:, 1] * maps[0] + signals[:, 2] * maps[1]
-        signals[:, 0] += signals[:, 3] * np.expm1(maps[2:][BAND]) + signals[:, 4] * timing[9]
+        signals[:, 0] += signals[:, 3] * np.expm1(maps[2:][BAND])
+        signals[:, 0] += signals[:, 4] * timing[9] if len(signals[0]) > 4 else 0.0
         signals[:, 0] *= np.exp(power + np.einsum("ijk,jk->ij", self.tilts, tilt.reshape(N_LED, 2)))
         values = np.tile(self.values + timing[:7], (5, 1))
         values[[1, 2, 3, 4], [0, 1, 2, 6]] += STEPS[[0, 1, 2, 6]]
@@ -130,6 +131,17 @@ def test_the_gradient_is_that_of_the_cost(rng, own, crossfade):
     np.testing.assert_allclose(gradient(sums)[which], expected[which], atol=0.01 * np.abs(expected).max())
     assert np.isfinite(sums[3]).sum() > 100 and np.isnan(sums[3]).sum() > 15
     assert np.median(np.abs(expected[which])) > 10
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_the_gradient_by_distance_is_that_of_the_cost(rng, own):
+    """Of light that changes with it, each LED's and each pixel's in its own way; of light without that row there is none."""
+    case = Case.draw(rng, own=own)
+    column, step = case.n + N_LED + DISTANCE, 1e-6
+    expected = [case.sums(s * step * np.eye(case.width)[column])[0].sum() for s in (1, -1)]
+    found = gradient(case.sums())[column]
+    assert found == pytest.approx((expected[0] - expected[1]) / (2 * step), rel=1e-3) and abs(found) > 10
+    assert gradient(replace(case, signals=case.signals[:, :4]).sums(np.zeros(case.width)))[column] == 0
 
 
 def test_nothing_is_gained_by_contrasts_that_shrink_with_thresholds(rng):
