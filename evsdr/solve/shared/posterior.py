@@ -24,6 +24,9 @@ from evsdr.solve.unknowns import (
 )
 
 LEARNT = "powers", "directions"  # many of a kind: how well they are told shows in how far they are off
+# Tolerances that what is learnt of that may be, at most; guessed. On planes, where powers and the normal are one unknown too many, the
+# farther off powers are the less is held of what is told of them
+MOST_LEARNT = 3.0
 AGREES = 3.5  # standard deviations of a pixel's misfit from that of most, within which it is heard
 ROBUST = 3.0  # width of Cauchy's cost in standard deviations, as for maps where thresholds are unknown
 SLACK = 0.5  # log likelihood that a pixel may lose in a step
@@ -302,7 +305,7 @@ class Posterior:
             if of.any():
                 known = np.sum(1 - left[of] / self.sigma[of] ** 2)
                 square = np.sum((point.free - self.centre)[of] ** 2) + self.told_sigma[of][0] ** 2
-                sigma[of] = np.sqrt(square / (known + 1))
+                sigma[of] = np.minimum(np.sqrt(square / (known + 1)), MOST_LEARNT * self.told_sigma[of])
         return sigma
 
 
