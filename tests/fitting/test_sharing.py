@@ -22,6 +22,7 @@ class World:
     lag: str = "none"
     leak: str = "none"
     aim: str = "none"
+    nearer: float = 0.0
     found: object = None
 
     def problem(self, fitted):

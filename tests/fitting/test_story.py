@@ -16,6 +16,7 @@ FAST = evsdr.Settings(preset="fast")
 ALL = {"LEDs", "cast shadows", "rays per pixel", "hot pixels", "contrast thresholds", "refractory period"}
 ALL |= {"set-up", "wiring", "photoreceptor lag", "light paths", "gloss", "metal", "translucency", "matt part"}
 ALL |= {"LED powers", "LED directions", "shift of all times", "leak", "slot length", "background activity"}
+ALL |= {"distance of the surface"}
 
 
 class LateTriggers:
@@ -133,10 +134,13 @@ def test_one_limit_for_all(tmp_path, limit_deg, modelled):
 @pytest.mark.parametrize(
     ("settings", "names"),
     [
-        ({}, {"powers", "lag", "shift", "refractory", "leak", "thresholds"}),
-        ({"leds_told_to": 0.5}, {"powers", "lag", "shift", "refractory", "leak", "thresholds", "directions"}),
-        ({"lag": "off", "refractory": "known"}, {"powers", "shift", "leak", "thresholds"}),
-        ({"thresholds": "known"}, {"powers", "lag", "shift", "refractory", "leak"}),
+        ({}, {"powers", "lag", "shift", "refractory", "leak", "thresholds", "distance"}),
+        (
+            {"leds_told_to": 0.5},
+            {"powers", "lag", "shift", "refractory", "leak", "thresholds", "distance", "directions"},
+        ),
+        ({"lag": "off", "refractory": "known"}, {"powers", "shift", "leak", "thresholds", "distance"}),
+        ({"thresholds": "known"}, {"powers", "lag", "shift", "refractory", "leak", "distance"}),
         ({"shared": ("shift", "lag"), "lag": "off"}, {"shift"}),
         ({"shared": ()}, set()),
     ],
