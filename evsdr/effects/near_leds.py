@@ -2,17 +2,16 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import against, mean_error
-from evsdr.effects.shared import WARNED, SharedEffect, SharedFound
+from evsdr.effects.shared import REACH, SharedEffect, SharedFound
 from evsdr.effects.world import TRIAL_RAYS, Fitted, World
 
 UNASKED = (
     "how far the surface is from the LEDs was taken from the rectangle that stands for it, and errors may be larger than sigmas "
     "say: the preset balanced asks the events."
 )
+AT_THE_END = 0.98  # of how far a surface is looked for
 NEAR, FAR = "near: direction and fall-off per pixel", "far: one direction for all pixels"
 
 
@@ -61,11 +60,11 @@ class DistanceOfNearLeds(SharedEffect):
         return f"{abs(by):.3g} +- {sigma:.2g} scene units {'nearer to' if by >= 0 else 'farther from'} the camera than the rectangle"
 
     def warning(self, found: SharedFound) -> str:
-        """Give the distance, if it is more than a rectangle can be off."""
-        by, sigma = self._found(found)
-        if abs(by) <= WARNED * np.hypot(found.told.distance, sigma):
+        """Give the distance, if it ends where nothing farther was looked for."""
+        if abs(self._found(found)[0]) < AT_THE_END * REACH * found.told.distance:
             return ""
-        return f"the surface is {self.say(found)} that stands for it; measure how far it is from the LEDs."
+        words = f"the surface is {self.say(found)} that stands for it, or more"
+        return f"{words}; measure how far it is from the LEDs, and put the rectangle there."
 
     def numbers(self, found: SharedFound) -> dict:
         """Give it in numbers."""

@@ -103,6 +103,7 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
     if world.distance_is_unknown and "distance" in world.terms.shared:
         told = replace(told, distance=OF_EXTENT * world.surface.extent)
         nearer = world.nearer_light(fitted, row, REACH * told.distance)
+        told = replace(told, distance=nearer.reach / REACH)
     pixels = collect(world.recording, problem, solution, row, world.clock_us, nearer)
     if "refractory_us" in sensor.guessed:
         told = replace(told, refractory_us=GUESSED_REFRACTORY_US)

@@ -110,11 +110,12 @@ def test_the_distance_is_unknown_only_of_unknown_shapes_near_leds(tmp_path):
     ("by", "warned", "words"),
     [
         (0.2, False, "0.2 +- 0.01 scene units nearer to the camera than the rectangle"),
-        (-2.0, True, "2 +- 0.01 scene units farther from the camera than the rectangle"),
+        (-1.0, True, "1 +- 0.01 scene units farther from the camera than the rectangle"),
+        (0.9, False, "0.9 +- 0.01 scene units nearer to the camera than the rectangle"),
     ],
 )
 def test_the_distance_is_told(by, warned, words):
-    """And warned of beyond three tolerances."""
+    """And warned of where it ends: nothing is looked for beyond twice the tolerance."""
     effect, answer = DistanceOfNearLeds(), found(distance=by, told=Told(distance=0.5))
     assert effect.say(answer) == words and effect.numbers(answer) == {"nearer": by, "nearer_sigma": 0.01}
     assert bool(effect.warning(answer)) == warned and (words in effect.warning(answer)) == warned

@@ -23,9 +23,8 @@ from evsdr.solve.shared.rig import N_TIMING
 from evsdr.threads import N_CHUNK, in_chunks
 
 FAR = 5.0  # standard deviations of a threshold within which silence says nothing
-TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, POLE, ON, OFF, DISTANCE = range(
-    10
-)  # columns after those of the LEDs
+# Columns after those of the LEDs
+TAU, DARK, NOISE, SHIFT, REFRACTORY, LEAK, POLE, ON, OFF, DISTANCE = range(10)
 BY_DISTANCE = 4  # row of the signals
 STIRRED = TAU, DARK, NOISE, POLE  # by which derivatives are differences
 EARLIER = 1e-6  # slots, for derivatives
