@@ -11,7 +11,7 @@ UNASKED = (
     "how far the surface is from the LEDs was taken from the rectangle that stands for it, and errors may be larger than sigmas "
     "say: the preset balanced asks the events."
 )
-AT_THE_END = 0.98  # of how far a surface is looked for
+AT_THE_END = 0.98  # of how far a surface is looked for; guessed
 NEAR, FAR = "near: direction and fall-off per pixel", "far: one direction for all pixels"
 
 

@@ -30,7 +30,7 @@ from evsdr.solve.visibility import Seen, doubtful, find_visibility, left_open, u
 TRIAL_RAYS = 4  # per pixel: of trials, and for the object's outline
 ROUND_RAYS = 1  # per pixel, while light and surface change
 SKIP = 0.05  # pixels: hits nearer than that to an estimated surface are the surface itself
-MOST_HALVED = 6  # of how far a surface may be from where it stands
+MOST_HALVED = 6  # times, of how far a surface may be from where it stands; guessed
 SURE = 0.5  # pixels: nearer hits may come of the noise of an estimated surface
 
 
@@ -241,7 +241,7 @@ class World:
     def _placed(self, fitted: Fitted | None, skip: float, nearer: float) -> tuple[RingScene, float]:
         """Give the scene with the surface of a fit, or what stands for it; and what length counts as none [scene units]."""
         if fitted is None:
-            return (self.surface.placeholder(nearer) if nearer else self.ring), 0.0
+            return self.surface.placeholder(nearer), 0.0
         return self.surface.follow(fitted, skip, nearer)
 
     @property

@@ -161,21 +161,26 @@ def cases(folder: Path) -> list[Case]:
 
 def write_mesh_scene(name: str, file: Path, folder: Path) -> Path:
     """Write a scene with a mesh, scaled into the film."""
-    mesh = trimesh.load(file, force="mesh", process=True)
-    mesh.apply_translation(-mesh.bounds.mean(axis=0))
-    mesh.apply_scale(1.05 / np.abs(mesh.bounds[:, :2]).max())
-    folder.mkdir(parents=True, exist_ok=True)
-    mesh.export(folder / f"{name}.ply", vertex_normal=True)
-    scene = folder / f"{name}.xml"
+    ply, scene = write_scaled_mesh(file, folder / f"{name}.ply"), folder / f"{name}.xml"
     scene.write_text(f"""<scene version="3.0.0">
     <integrator type="ring"><float name="constant_light" value="0.05"/></integrator>
     <include filename="{SCENES / "camera.xml"}"/>
     <include filename="{SCENES / "ring24.xml"}"/>
-    <shape type="ply" id="object"><string name="filename" value="{folder / f"{name}.ply"}"/>
+    <shape type="ply" id="object"><string name="filename" value="{ply}"/>
         <bsdf type="diffuse"><spectrum name="reflectance" value="360:0.3, 500:0.4, 640:0.6, 830:0.6"/></bsdf></shape>
 </scene>
 """)
     return scene
+
+
+def write_scaled_mesh(file: Path, ply: Path) -> Path:
+    """Write a mesh anew, scaled into the film; gives its path."""
+    mesh = trimesh.load(file, force="mesh", process=True)
+    mesh.apply_translation(-mesh.bounds.mean(axis=0))
+    mesh.apply_scale(1.05 / np.abs(mesh.bounds[:, :2]).max())
+    ply.parent.mkdir(parents=True, exist_ok=True)
+    mesh.export(ply, vertex_normal=True)
+    return ply
 
 
 def write_moved_pole(folder: Path) -> Path:

@@ -5,21 +5,17 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from evsdr.scenes.make_rigs import BANDS
 
 from evsdr.rig.led_light import led_spectrum
 from evsdr.rig.led_xml import far_led, near_led, spectrum_xml, square_led
 
-from ..cast_shadow.compute import MESHES, SCENES, data_folder
+from ..cast_shadow.compute import MESHES, SCENES, data_folder, write_scaled_mesh
 from ..sigma.cases import plain
 
-N_LED, N_BAND, DISTANCE, WIDTH = (
-    24,
-    8,
-    3.5,
-    0.4,
-)  # of near LEDs from the origin, and of square ones; in object radii
+OUT = SCENES.parent / "out" / "draws"
+N_LED, N_BAND = 24, 8
+DISTANCE, WIDTH = 3.5, 0.4  # of near LEDs from the origin, and of square ones; in object radii
 PIXELS = ("evk4", "evk4_like", "iebcs", "v2e", "eventps", "esim")  # the first is ours
 SHAPES = ("sphere", "cylinder", "plane", "blob", "relief", *MESHES)
 MATERIALS = ("matt", "texture", "tiles", "gloss", "white", "grey")
@@ -222,11 +218,5 @@ def shape_text(case: Draw) -> str:
 
 @cache
 def scaled_mesh(name: str) -> Path:
-    """Write a mesh, scaled into the film, where results go."""
-    file = SCENES.parent / "out" / "draws" / f"{name.replace(' ', '_')}.ply"
-    mesh = trimesh.load(data_folder() / MESHES[name], force="mesh", process=True)
-    mesh.apply_translation(-mesh.bounds.mean(axis=0))
-    mesh.apply_scale(1.05 / np.abs(mesh.bounds[:, :2]).max())
-    file.parent.mkdir(parents=True, exist_ok=True)
-    mesh.export(file, vertex_normal=True)
-    return file
+    """Write a mesh where results go."""
+    return write_scaled_mesh(data_folder() / MESHES[name], OUT / f"{name.replace(' ', '_')}.ply")

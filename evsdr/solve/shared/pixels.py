@@ -27,11 +27,11 @@ CLEAR = 1.5  # noise of such a pixel, relative to most, at most: in others more 
 FEW = 1e-3  # of the events, that may come sooner: noise
 # C_w that times of photoreceptors are made for, and what a C_w of 0 counts as
 USUAL_DARK, LEAST_DARK = 0.05, 1e-9
-DARKEST = 1e-30  # irradiance
+DARKEST = 1e-30  # irradiance and light that are not 0: their roots and logarithms are within float32
 # Photoreceptors that are quicker than the first (where darkness is as bright as usual) are none: thresholds' scatter passes for noise of
 # one of 0.1 us, and a search there ends at no contrast at all. Those of event cameras take the second and more. Both guessed
 QUICKEST_US, USUAL_US = 1.0, 10.0
-STEP_OF_REACH = 1e-2  # for derivatives by distance
+STEP_OF_REACH = 1e-2  # for derivatives by distance; guessed: rounding leaves 1e-5 of them
 STEPS = {"tau": 1e-5, "dark": 1e-4, "noise": 1e-5, "pole": 1e-2}  # for derivatives
 
 
