@@ -5,9 +5,6 @@ import sys
 import time
 import warnings
 from dataclasses import replace
-from pathlib import Path
-from shutil import copytree, ignore_patterns
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -16,10 +13,9 @@ from evsdr.fitting.simulation import render
 from tests.support.foreign_pixel import watch
 from tests.support.foreign_recordings import ESIM, EVENTPS, EVK4_LIKE, IEBCS, V2E, as_recording
 
-from ..cast_shadow.compute import SCENES
 from ..sigma.compute import Errors, errors_of
 from ..sigma.statistics import keeps_promise, shares_within
-from .cases import Draw, draw, scene_text
+from .cases import Draw, draw, open_text, scene_text
 
 FOREIGN = {"iebcs": IEBCS, "v2e": V2E, "eventps": EVENTPS, "esim": ESIM}
 SPREAD = 0.2, 0.1  # of thresholds over the pixels, relative
@@ -122,15 +118,6 @@ def foreign_pixel(case: Draw):
             refractory_us=case.refractory_us,
         )
     return FOREIGN.get(case.pixel)
-
-
-def open_text(text: str, size: int):
-    """Load a scene that lies beside the files of `scenes/`."""
-    with TemporaryDirectory() as folder:
-        copytree(SCENES, folder, dirs_exist_ok=True, ignore=ignore_patterns("*.py", "__pycache__"))
-        path = Path(folder) / "draw.xml"
-        path.write_text(text)
-        return evsdr.load_scene(path, size=size)
 
 
 if __name__ == "__main__":

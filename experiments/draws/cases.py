@@ -3,9 +3,13 @@
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from shutil import copytree, ignore_patterns
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from evsdr.scenes.make_rigs import BANDS
+
+import evsdr
 
 from evsdr.rig.led_light import led_spectrum
 from evsdr.rig.led_xml import far_led, near_led, spectrum_xml, square_led
@@ -147,6 +151,15 @@ def scene_text(case: Draw, told: bool, dark_light: float = 0.0) -> str:
     ]
     defaults = '<default name="size" value="40"/><default name="bases" value="3"/>'
     return f'<scene version="3.0.0">{defaults}{"".join(parts)}</scene>'
+
+
+def open_text(text: str, size: int):
+    """Load a scene that lies beside the files of `scenes/`."""
+    with TemporaryDirectory() as folder:
+        copytree(SCENES, folder, dirs_exist_ok=True, ignore=ignore_patterns("*.py", "__pycache__"))
+        path = Path(folder) / "draw.xml"
+        path.write_text(text)
+        return evsdr.load_scene(path, size=size)
 
 
 def ring_text(case: Draw, log_power: np.ndarray) -> str:

@@ -28,6 +28,7 @@ MEASURED = {
     "lamp.py": {"events"},
     "limit": {"limits", "jit", "events", "model", "solve"},  # fits single pixels under the model's own light
     "materials": {"events.record", "fitting.simulation", "light"},  # wraps light around rendered images
+    "near_leds.py": {"light"},  # tells where the surface is
     "picture.py": {"files.daylight"},
     "real_frames": {"files.photographs"},
     "shared": {"solve.shared"},
