@@ -1,4 +1,4 @@
-"""`python -m experiments.near_leds`: near LEDs over shapes that are not known: how far these are, told, inferred, told true."""
+"""`python -m experiments.near_leds`: near LEDs over unknown shapes, whose distance is told, inferred, told true."""
 
 import argparse
 import warnings
