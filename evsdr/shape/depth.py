@@ -28,6 +28,7 @@ from evsdr.shape.bilateral import (
 )
 from evsdr.shape.laplacian import solve
 
+UNKNOWN_DEG = 180  # sigma of a normal of which nothing is known
 SETTLED = 0.005  # mean change [pixels] from which depth has settled
 
 COMMENTS = "Z: distance from the camera's plane along its axis [scene units]; 0: not known"
@@ -95,7 +96,8 @@ def integrate_normals(
         neighbours. All alike by default.
     anchor : float or (H, W) float, optional
         Known depth [scene units], such as that of a placeholder: each component is moved (orthographic) or
-        scaled (perspective) so that its mean depth is the anchor's mean over it. By default 0 or 1.
+        scaled (perspective) so that its mean depth is the anchor's mean over it: over those of its pixels whose normals are
+        known, if any is. By default 0 or 1.
     n_reweight : int
         Reweightings at most. 0 is plain weighted least squares, which smears jumps.
 
@@ -116,8 +118,8 @@ def integrate_normals(
     normal = facing(np.where(mask[..., None], normal, (0.0, 0.0, 1.0)), lines_of_sight(camera, mask.shape))
     pairs = [make_pairs(normal, mask, sigma_deg, camera, axis) for axis in (0, 1)]
     value = _integrate(pairs, mask, camera, n_reweight)
-    component, n_component = ndimage.label(mask)
-    depth = _anchored(value, component, n_component, anchor, camera.perspective)
+    component, _ = ndimage.label(mask)
+    depth = _anchored(value, component, _telling(component, sigma_deg), anchor, camera.perspective)
     ties = tuple(tied(p, value, axis) for axis, p in enumerate(pairs))
     return Depth(depth, mask, component, camera, normal, ties)
 
@@ -174,14 +176,21 @@ def _integrate(pairs: list[Pairs], mask: np.ndarray, camera: CameraGeometry, n_r
     return value
 
 
-def _anchored(value, component, n_component, anchor, perspective) -> np.ndarray:
-    """Fix the offset of each component; value is depth, or log depth under perspective."""
-    index = np.arange(1, n_component + 1)
-    goal = ndimage.mean(np.broadcast_to(anchor, value.shape), component, index)
+def _telling(component: np.ndarray, sigma_deg: np.ndarray) -> np.ndarray:
+    """Keep of each component the pixels whose normals are known, or all where none is; the others lie anywhere."""
+    known = sigma_deg < UNKNOWN_DEG
+    without = np.setdiff1d(component, component[known])
+    return np.where(known | np.isin(component, without), component, 0)
+
+
+def _anchored(value, component, telling, anchor, perspective) -> np.ndarray:
+    """Fix the offset of each component by those pixels that tell; value is depth, or log depth under perspective."""
+    index = np.arange(1, component.max() + 1)
+    goal = ndimage.mean(np.broadcast_to(anchor, value.shape), telling, index)
     if perspective:
         top = ndimage.maximum(value, component, index)
         value = np.exp(value - np.concatenate([[0], top])[component] * (component > 0))
-        factor = np.concatenate([[0], goal / ndimage.mean(value, component, index)])
+        factor = np.concatenate([[0], goal / ndimage.mean(value, telling, index)])
         return factor[component] * value
-    offset = np.concatenate([[0], goal - ndimage.mean(value, component, index)])
+    offset = np.concatenate([[0], goal - ndimage.mean(value, telling, index)])
     return np.where(component > 0, value + offset[component], 0)
