@@ -1,6 +1,7 @@
 """Pixels that tell, with their events and their light."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import drjit as dr
 import mitsuba as mi
@@ -44,6 +45,25 @@ def test_pixels_that_tell_are_chosen(case):
     assert row[3] not in choose(problem, loud, 1000) and row[4] in choose(problem, loud, 1000)
     some = choose(problem, solution, 10)
     assert len(set(some)) == 10 and set(some) <= set(row) and (np.diff(some) > 0).all()
+
+
+def test_pixels_that_tell_lie_off_the_rim_of_where_events_end(case):
+    """A mask may hold silent background; a silent spot within the object is no rim; a thin object has what it has."""
+    mask, pairs = case.problem.grid.mask, case.problem.pairs
+    y, x = np.nonzero(mask)
+    centre, left = (y == 7) & (x == 7), x < 7
+
+    def chosen(silent, most=1):
+        counts = np.where(silent, 0, 50)
+        problem = replace(case.problem, pairs=SimpleNamespace(counts=counts))
+        return choose(problem, case.solution, most)
+
+    def distance_to(row, of):
+        return min(max(abs(y[i] - v), abs(x[i] - u)) for i in row for v, u in zip(y[of], x[of]))
+
+    assert len(pairs.counts) == mask.sum()
+    assert distance_to(chosen(left, 1000), left) == 2 and distance_to(chosen(left), left) == 3
+    assert distance_to(chosen(centre, 1000), centre) == 1
 
 
 def test_what_has_no_lag_has_none_in_the_dark(case):
