@@ -157,7 +157,7 @@ def find_leds(scene: mi.Scene, response: mi.Texture | None = None) -> Leds:
         raise ValueError("no emitter has an id that starts with 'led'")
     curves, others = find_curves(scene)
     points = np.concatenate([nm for nm, _ in others]) if others else np.empty(0)
-    spectra = [_spectrum(scene, e, points) for _, e in named]
+    spectra = [_spectrum(e, points) for _, e in named]
     irradiance, peak_nm, peak = (np.array(part) for part in zip(*spectra))
     seen = irradiance * _response(response)
     power = quadrature.integrate(seen)
@@ -221,16 +221,16 @@ def find_curves(scene: mi.Scene) -> tuple[list, list]:
     return found
 
 
-def _spectrum(scene: mi.Scene, emitter: mi.Emitter, points: np.ndarray) -> tuple[np.ndarray, float, float]:
+def _spectrum(emitter: mi.Emitter, points: np.ndarray) -> tuple[np.ndarray, float, float]:
     """Read an emitter's spectrum by asking what it sends to a place that it lights; gives also where it is strong.
 
     It has points beside those of the grid: where it is finer than the grid it is laid out by its integral.
     """
     grid = quadrature.WAVELENGTH_NM
-    value = _unpack(_packets_of(scene, emitter, _packets()))
+    value = _unpack(_packets_of(emitter, _packets()))
     fine = np.union1d(grid, points[(points > grid[0]) & (points < grid[-1])]).astype(np.float32).astype(float)
     if len(fine) > len(grid):
-        finely = _unpack(_packets_of(scene, emitter, _packed(fine, fine[-1])), len(fine))
+        finely = _unpack(_packets_of(emitter, _packed(fine, fine[-1])), len(fine))
         power = np.trapezoid(finely, fine)
         if abs(quadrature.integrate(value) - power) > FINER * power:
             at = finely.argmax()
@@ -239,7 +239,7 @@ def _spectrum(scene: mi.Scene, emitter: mi.Emitter, points: np.ndarray) -> tuple
     return value, grid[at], value[at]
 
 
-def _packets_of(scene: mi.Scene, emitter: mi.Emitter, wavelengths: mi.Spectrum) -> mi.Spectrum:
+def _packets_of(emitter: mi.Emitter, wavelengths: mi.Spectrum) -> mi.Spectrum:
     shape = emitter.get_shape()
     it = dr.zeros(mi.SurfaceInteraction3f)
     it.wavelengths = wavelengths
@@ -248,14 +248,16 @@ def _packets_of(scene: mi.Scene, emitter: mi.Emitter, wavelengths: mi.Spectrum) 
         it.p, it.n = on_light.p, on_light.n
         it.wi = mi.Vector3f(0, 0, 1)
         return emitter.eval(it)
-    box = scene.bbox()
-    it.p = mi.Point3f(box.max) + 1.0 + (box.max - box.min)
+    far = is_far(emitter)
+    if not far:  # before the LED, wherever the scene ends: else its power's last bits hang on that, and kernels that hold it
+        centre, _ = emitter.sample_direction(it, mi.Point2f(0.5))
+        it.p = centre.p + dr.normalize(emitter.world_transform() @ mi.Vector3f(0, 0, 1))
+    dr.make_opaque(it.p)
     ds, irradiance = emitter.sample_direction(it, mi.Point2f(0.5))
-    distance = 1.0 if is_far(emitter) else ds.dist
-    return irradiance * dr.square(distance)
+    return irradiance * dr.square(1.0 if far else ds.dist)
 
 
-def power_factor(scene: mi.Scene, leds: Leds, j: int, response: mi.Texture | None = None) -> mi.Float:
+def power_factor(leds: Leds, j: int, response: mi.Texture | None = None) -> mi.Float:
     """Give 1, with the derivative of log (INT D E_j / E_j at its peak) by what the LED's spectrum hangs on.
 
     The geometric factor is what arrives at the peak wavelength, relative to a number; with this factor beside it the
@@ -263,11 +265,11 @@ def power_factor(scene: mi.Scene, leds: Leds, j: int, response: mi.Texture | Non
     """
     emitter = leds.emitter[j]
     weight = _packed(_response(response) * quadrature.trapezoid_weights())
-    spectrum = _packets_of(scene, emitter, _packets())
+    spectrum = _packets_of(emitter, _packets())
     power = dr.sum(dr.sum(spectrum * weight))
     if not dr.all(power > 0):  # lines between the wavelengths of the grid: their shape stays
         return mi.Float(1.0)
-    peak = _packets_of(scene, emitter, mi.Spectrum(float(leds.peak_nm[j])))[0]
+    peak = _packets_of(emitter, mi.Spectrum(float(leds.peak_nm[j])))[0]
     return power / dr.detach(power) * dr.detach(peak) / peak
 
 

@@ -262,7 +262,7 @@ class RingIntegrator(mi.SamplingIntegrator):
             direction.append(toward)
             irradiance.append(power * level * visibility)
             if dr.grad_enabled(irradiance[-1]):
-                irradiance[-1] *= power_factor(scene, leds, j, self.response)
+                irradiance[-1] *= power_factor(leds, j, self.response)
         middle = next(s for s in scene.shapes() if s.id() == "object").bbox().center()
         bands, spread = [int(b) for b in leds.band], largest_spread(leds, middle)
         return Illumination(direction, irradiance, bands, self.constant_light, None, spread), coverage

@@ -1,5 +1,6 @@
 """The LEDs of a scene: which there are, in what order, and what the camera sees of their spectra."""
 
+import mitsuba as mi
 import numpy as np
 import pytest
 from evsdr.integrators.leds import emitter_id
@@ -43,6 +44,21 @@ def test_power_of_near_and_soft_leds():
     found = ring(response=[(400, 0.5), (700, 0.5)]).leds(load({"object": plane()} | leds))
     np.testing.assert_allclose(found.power, [1, 2], rtol=1e-4)
     assert [found.is_far(0), found.is_far(1)] == [False, False]
+
+
+def test_wherever_a_scene_ends_an_led_has_one_power():
+    """To the last bit, also a spot that faces away from where it ends: kernels hold these numbers."""
+    spot = {"type": "spot", "intensity": {"type": "irregular", "wavelengths": "400, 700", "values": "2, 3"}}
+    spot["to_world"] = mi.ScalarTransform4f().look_at([0.3, 0.1, 4], [0, 0, 0], [0, 1, 0])
+    emitters = {"led_0": near((9, 0.7, 5), peak(500, 2.0)), "led_1": far((0, 0, 1), peak(500)), "led_2": spot}
+    found = []
+    for height in (0.0, 0.371, -2.093):
+        block = {"type": "sphere", "center": [0, 0, height], "radius": 0.1}
+        leds = ring().leds(load({"object": plane(), "block": block} | emitters))
+        found.append(np.concatenate([leds.power, leds.peak_nm, leds.peak]))
+    np.testing.assert_array_equal(found[1:], found[:1] * 2)
+    np.testing.assert_allclose(found[0][:2], [2, 1], rtol=1e-4)
+    assert found[0][2] > 100
 
 
 def test_scene_without_leds():
