@@ -20,10 +20,13 @@ RECTANGLE = np.array([[0, 1, 2], [0, 2, 3]])  # corners of its triangles
 
 
 class FittedSurface:
-    """A scene whose object is replaced by the surface of one fit after another; its mesh is made once and moved."""
+    """A scene whose object is replaced by the surface of one fit after another; its mesh is made once and moved.
 
-    def __init__(self, ring: RingScene):
-        self.ring = ring
+    It is bounded where a mask tells which pixels are the object, see `depth_of`.
+    """
+
+    def __init__(self, ring: RingScene, bounded: bool = True):
+        self.ring, self.bounded = ring, bounded
         self.camera, self.to_world = camera_geometry(ring.sensor)
         self._scene: RingScene | None = None
         self._depth: Depth | None = None
@@ -33,7 +36,8 @@ class FittedSurface:
 
     def depth(self, fitted: "Fitted", nearer: float = 0.0) -> Depth:
         """Integrate the fitted normals; the surface is nearer to the camera than what stands for it."""
-        return depth_of(fitted.maps, fitted.problem.grid.mask, self.camera, self._anchor).nearer(nearer)
+        mask = fitted.problem.grid.mask
+        return depth_of(fitted.maps, mask, self.camera, self._anchor, self.bounded).nearer(nearer)
 
     @property
     def extent(self) -> float:

@@ -184,9 +184,11 @@ class World:
     decisions: dict = field(default_factory=dict)
 
     @classmethod
-    def before_a_fit(cls, ring: RingScene, recording: Recording, mask: np.ndarray, terms: Terms) -> "World":
-        """Believe what scene and recording tell."""
-        return cls(ring, recording, mask, terms, FittedSurface(ring), Memo())
+    def before_a_fit(
+        cls, ring: RingScene, recording: Recording, mask: np.ndarray, terms: Terms, bounded: bool = True
+    ) -> "World":
+        """Believe what scene and recording tell; a mask that no one told may hold more than the object."""
+        return cls(ring, recording, mask, terms, FittedSurface(ring, bounded), Memo())
 
     @property
     def on_fit(self) -> bool:

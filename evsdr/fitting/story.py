@@ -100,7 +100,8 @@ def world_of(
     terms = terms_of(settings)
     with stages.stage("trace light"):
         _, coverage = trace_illumination(ring, TRIAL_RAYS, False, terms.seed)
-        return World.before_a_fit(ring, recording, object_mask(ring, coverage, wanted), terms)
+        mask = object_mask(ring, coverage, wanted)
+        return World.before_a_fit(ring, recording, mask, terms, ring.shape_is_known or wanted is not None)
 
 
 def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, Fitted, Fitted, Decoder, dict]:

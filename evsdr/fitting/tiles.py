@@ -40,7 +40,9 @@ def within(world: World, tile: Tile) -> World:
     """Look at a tile only."""
     mask = solved(world.mask, tile)
     recording = replace(world.recording, events=events_of(world.recording.events, mask))
-    return replace(world, mask=mask, recording=recording, surface=FittedSurface(world.ring))
+    return replace(
+        world, mask=mask, recording=recording, surface=FittedSurface(world.ring, world.surface.bounded)
+    )
 
 
 @dataclass(frozen=True)

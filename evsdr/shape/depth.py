@@ -28,7 +28,6 @@ from evsdr.shape.bilateral import (
 )
 from evsdr.shape.laplacian import solve
 
-UNKNOWN_DEG = 180  # sigma of a normal of which nothing is known
 SETTLED = 0.005  # mean change [pixels] from which depth has settled
 
 COMMENTS = "Z: distance from the camera's plane along its axis [scene units]; 0: not known"
@@ -81,6 +80,7 @@ def integrate_normals(
     sigma_deg: np.ndarray | None = None,
     anchor: float | np.ndarray | None = None,
     n_reweight: int = 30,
+    telling: np.ndarray | None = None,
 ) -> Depth:
     """Integrate normals to depth.
 
@@ -96,10 +96,11 @@ def integrate_normals(
         neighbours. All alike by default.
     anchor : float or (H, W) float, optional
         Known depth [scene units], such as that of a placeholder: each component is moved (orthographic) or
-        scaled (perspective) so that its mean depth is the anchor's mean over it: over those of its pixels whose normals are
-        known, if any is. By default 0 or 1.
+        scaled (perspective) so that its mean depth is the anchor's mean over it. By default 0 or 1.
     n_reweight : int
         Reweightings at most. 0 is plain weighted least squares, which smears jumps.
+    telling : (H, W) bool, optional
+        Pixels of which these are the means, in components that have some; all by default.
 
     Returns
     -------
@@ -119,7 +120,7 @@ def integrate_normals(
     pairs = [make_pairs(normal, mask, sigma_deg, camera, axis) for axis in (0, 1)]
     value = _integrate(pairs, mask, camera, n_reweight)
     component, _ = ndimage.label(mask)
-    depth = _anchored(value, component, _telling(component, sigma_deg), anchor, camera.perspective)
+    depth = _anchored(value, component, _telling(component, telling), anchor, camera.perspective)
     ties = tuple(tied(p, value, axis) for axis, p in enumerate(pairs))
     return Depth(depth, mask, component, camera, normal, ties)
 
@@ -176,11 +177,12 @@ def _integrate(pairs: list[Pairs], mask: np.ndarray, camera: CameraGeometry, n_r
     return value
 
 
-def _telling(component: np.ndarray, sigma_deg: np.ndarray) -> np.ndarray:
-    """Keep of each component the pixels whose normals are known, or all where none is; the others lie anywhere."""
-    known = sigma_deg < UNKNOWN_DEG
-    without = np.setdiff1d(component, component[known])
-    return np.where(known | np.isin(component, without), component, 0)
+def _telling(component: np.ndarray, telling: np.ndarray | None) -> np.ndarray:
+    """Keep of each component the pixels that tell, or all where none does."""
+    if telling is None:
+        return component
+    without = np.setdiff1d(component, component[telling])
+    return np.where(telling | np.isin(component, without), component, 0)
 
 
 def _anchored(value, component, telling, anchor, perspective) -> np.ndarray:

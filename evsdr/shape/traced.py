@@ -17,7 +17,7 @@ OFF_CENTRE = 0.01, 0.02
 RIM = (0, 3, 6, 7, 8, 5, 2, 1)  # of a pixel's nine vertices, row after row; anticlockwise
 
 
-def depth_of(maps: Maps, mask: np.ndarray, camera, anchor: np.ndarray) -> Depth:
+def depth_of(maps: Maps, mask: np.ndarray, camera, anchor: np.ndarray, bounded: bool = True) -> Depth:
     """Integrate the fitted normals over all pixels that were solved; unknown ones hang on their neighbours.
 
     Parameters
@@ -28,12 +28,15 @@ def depth_of(maps: Maps, mask: np.ndarray, camera, anchor: np.ndarray) -> Depth:
     camera : CameraGeometry
     anchor : (H, W) float
         Depth of the scene's object, which gives each piece its mean depth; 0 where it is not seen.
+    bounded : bool
+        Whether the mask holds the object alone. Else its depth is that of the known pixels: silent background lies anywhere.
     """
     seen = mask & (anchor > 0)
     if not seen.any():
         return integrate_normals(maps.normal, mask, camera, maps.normal_sigma_deg)
     nearest = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
-    return integrate_normals(maps.normal, mask, camera, maps.normal_sigma_deg, anchor[tuple(nearest)])
+    given, telling = anchor[tuple(nearest)], None if bounded else maps.mask
+    return integrate_normals(maps.normal, mask, camera, maps.normal_sigma_deg, given, telling=telling)
 
 
 def traced_mesh(depth: Depth, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

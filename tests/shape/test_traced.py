@@ -1,5 +1,7 @@
 """The mesh that light is traced on: it lies on the surface and covers whole pixels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -125,6 +127,18 @@ def test_pieces_take_the_scenes_depth_where_it_is_seen():
     )
     free = depth_of(make_maps(mask), mask, CAMERAS[0], np.zeros(mask.shape))
     assert free.depth == pytest.approx(np.zeros(mask.shape))
+
+
+def test_silent_background_does_not_move_what_is_known():
+    """Where no mask bounds the object, known pixels lie on average where the scene says; a piece without any does as a whole."""
+    mask, anchor = np.ones((HEIGHT, WIDTH), bool), np.full((HEIGHT, WIDTH), 7.0)
+    mask[:, 1] = False
+    known = mask & (np.arange(WIDTH) > WIDTH // 2)
+    tilted = replace(make_maps(mask), mask=known, normal=np.broadcast_to([0.3, 0, 1.0], (*mask.shape, 3)))
+    whole, part = (depth_of(tilted, mask, CAMERAS[0], anchor, bounded).depth for bounded in (True, False))
+    right = mask & (np.arange(WIDTH) > 1)
+    assert whole[right].mean() == pytest.approx(7) and abs(whole[known].mean() - 7) > 0.05
+    assert part[known].mean() == pytest.approx(7) and part[:, 0].mean() == pytest.approx(7)
 
 
 def test_only_known_pixels_are_shown(tmp_path):
