@@ -251,7 +251,10 @@ def _packets_of(emitter: mi.Emitter, wavelengths: mi.Spectrum) -> mi.Spectrum:
     far = is_far(emitter)
     if not far:  # before the LED, wherever the scene ends: else its power's last bits hang on that, and kernels that hold it
         centre, _ = emitter.sample_direction(it, mi.Point2f(0.5))
-        it.p = centre.p + dr.normalize(emitter.world_transform() @ mi.Vector3f(0, 0, 1))
+        ahead = mi.Vector3f(0, 0, 1)
+        axis = dr.normalize(emitter.world_transform() @ ahead)
+        axis = dr.select(dr.all(dr.isfinite(axis)), axis, ahead)  # a frame that is flat is refused elsewhere
+        it.p = centre.p + dr.maximum(dr.norm(centre.p), 1.0) * axis  # whatever the unit of length is
     dr.make_opaque(it.p)
     ds, irradiance = emitter.sample_direction(it, mi.Point2f(0.5))
     return irradiance * dr.square(1.0 if far else ds.dist)

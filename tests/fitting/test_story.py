@@ -9,8 +9,11 @@ import pytest
 import evsdr
 from evsdr.effects.effect import Decision
 from evsdr.effects.leds import LedPowers
-from evsdr.fitting import story
+from evsdr.fitting import story, tiling
+from evsdr.fitting.tiles import within
+from evsdr.progress import Seconds
 from evsdr.solve import trial
+from tests.support.small_scene import scene
 
 FAST = evsdr.Settings(preset="fast")
 ALL = {"LEDs", "cast shadows", "rays per pixel", "hot pixels", "contrast thresholds", "refractory period"}
@@ -42,6 +45,18 @@ class LateTriggers:
 @pytest.fixture
 def given(place):
     return evsdr.load_scene(place / "scene.xml"), evsdr.read_recording(place / "events.h5")
+
+
+def test_only_a_mask_that_is_told_bounds_a_shape_that_is_not_known(given, tmp_path, monkeypatch):
+    """Tiles of a fit, too."""
+    known, recording = given
+    (tmp_path / "told.xml").write_text(scene(shape='<shape type="rectangle" id="object"/>'))
+    unknown, mask = evsdr.load_scene(tmp_path / "told.xml"), np.ones((known.height, known.width), bool)
+    monkeypatch.setattr(tiling, "AT_ONCE", 60)
+    for ring, wanted, bounded in ((known, None, True), (unknown, mask, True), (unknown, None, False)):
+        world = story.world_of(ring, recording, FAST, wanted, Seconds(None))
+        tile = tiling.tiles_of(world.mask, recording.events)[0]
+        assert world.surface.bounded == bounded == within(world, tile).surface.bounded
 
 
 def test_an_eleventh_effect(given, place, monkeypatch):

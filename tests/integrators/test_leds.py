@@ -46,6 +46,13 @@ def test_power_of_near_and_soft_leds():
     assert [found.is_far(0), found.is_far(1)] == [False, False]
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e9])
+def test_power_of_near_leds_in_any_unit_of_length(unit):
+    leds = {f"led_{j}": near((9 * unit, 0, 5 * unit), peak(500, 2.0 + j)) for j in range(2)}
+    found = ring().leds(load({"object": plane(half_width=(unit, unit, 1))} | leds))
+    np.testing.assert_allclose(found.power, [2, 3], rtol=1e-4)
+
+
 def test_wherever_a_scene_ends_an_led_has_one_power():
     """To the last bit, also a spot that faces away from where it ends: kernels hold these numbers."""
     spot = {"type": "spot", "intensity": {"type": "irregular", "wavelengths": "400, 700", "values": "2, 3"}}

@@ -225,6 +225,13 @@ def test_a_mesh_takes_the_place_of_the_object(tmp_path):
             "emitter 'led_000' has a direction or position that is 0 or not finite; correct it.",
         ),
         (
+            scene(
+                light=leds()
+                + '<emitter type="point" id="led_900"><transform name="to_world"><scale value="0"/></transform></emitter>'
+            ),
+            "emitter 'led_900' has a direction or position that is 0 or not finite; correct it.",
+        ),
+        (
             scene(light=leds() + '<emitter type="constant" id="led_900"/>'),
             "emitter 'led_900' shines from everywhere; write LEDs as directional or point, or as a shape with an area "
             "emitter.",
