@@ -52,6 +52,17 @@ def test_names_limit_what_moves(wrong):
     assert found.wanted["shift"] > 5 and found.wanted.keys() == {"tau", "dark", "noise", "shift", "leak"}
 
 
+def test_sigmas_hold_what_is_not_believed_of_powers(wrong, monkeypatch):
+    """All of it, if they are never believed; powers themselves are as well known as before."""
+    believed = wrong.infer(("powers",))
+    monkeypatch.setattr(search, "VAGUE", 0.0)
+    monkeypatch.setattr(search, "MOST_LEARNT", 0.0)
+    found = wrong.infer(("powers",))
+    np.testing.assert_array_equal(found.sigma.vector, believed.sigma.vector)
+    assert found.normal_sigma_deg > 5 * believed.normal_sigma_deg
+    assert found.normal_sigma_deg == pytest.approx(found.turn_deg["powers"], rel=0.5)
+
+
 def test_nothing_unknown_leaves_all_as_told(wrong):
     found = wrong.infer(())
     np.testing.assert_array_equal(found.rig.vector, wrong.told.vector)

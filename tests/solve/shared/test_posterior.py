@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from evsdr.solve.shared.infer import _no_lag, _posterior
+from evsdr.solve.shared.infer import _disbelieved, _no_lag, _posterior
 from evsdr.solve.shared.pixels import vector_of
 from evsdr.solve.shared.posterior import SLACK, Start
 from evsdr.solve.shared.rig import NOT_NEGATIVE, Told, across
@@ -119,6 +119,16 @@ def test_how_well_powers_are_told_shows_in_how_far_they_are_off(case, posterior,
     expected = min(np.sqrt((16 * off**2 + Told().powers ** 2) / 17), 0.15)
     assert sigma[powers] == pytest.approx(expected, rel=0.3) and np.ptp(sigma[powers]) == 0
     assert sigma[~powers].max() < 0.5 * posterior.sigma[~powers].max()
+
+
+@pytest.mark.parametrize(("off", "left", "doubted"), [(4.0, 0.6, True), (4.0, 0.4, False), (2.5, 0.6, False)])
+def test_powers_that_events_hardly_know_but_find_far_off_may_be_as_told(posterior, off, left, doubted):
+    """Off and left open in tolerances; one of two values was taken, so that the other is as far as that."""
+    powers = posterior.basis.owner == "powers"
+    away = np.where(powers, off * posterior.told_sigma, 0.0)
+    around = np.diag((left * posterior.told_sigma) ** 2)
+    expected = np.outer(away, away) if doubted else np.zeros_like(around)
+    np.testing.assert_allclose(_disbelieved(posterior, away, around), expected, rtol=1e-12)
 
 
 def test_what_is_only_considered_makes_the_others_less_known(case):
