@@ -35,7 +35,8 @@ class LedPowers(SharedEffect):
         worst = float(np.abs(found.inferred.rig.log_power).max())
         if worst <= WARNED * found.told.powers:
             return ""
-        return f"LED powers differ from the scene's by up to {100 * worst:.0f} %, as the events tell; calibrate them."
+        doubted = ", which know them hardly better than told" if "powers" in found.inferred.doubted else ""
+        return f"LED powers differ from the scene's by up to {100 * worst:.0f} %, as the events tell{doubted}; calibrate them."
 
     def numbers(self, found: SharedFound) -> dict:
         """Give all factors."""

@@ -1,5 +1,7 @@
 """LEDs that shine otherwise than told: what is said, aimed, and warned of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,7 +45,16 @@ def test_powers_far_off_are_warned_of():
     """Beyond three times five percent."""
     sentence = LedPowers().warning(found(log_power=np.array([0.0, 0.2, -0.2])))
     assert sentence.startswith("LED powers differ from the scene's by up to 20 %") and "calibrate" in sentence
+    assert "hardly better" not in sentence
     assert LedPowers().warning(found(log_power=np.array([0.0, 0.14, -0.14]))) == ""
+
+
+def test_powers_in_doubt_are_said_to_be():
+    known = found(log_power=np.array([0.0, 0.2, -0.2]))
+    doubted = replace(known, inferred=replace(known.inferred, doubted=("powers",)))
+    assert "as the events tell, which know them hardly better than told; calibrate" in LedPowers().warning(
+        doubted
+    )
 
 
 @pytest.mark.parametrize(("off", "modelled"), [(0.02, True), (0.008, False)])

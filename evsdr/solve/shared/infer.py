@@ -60,6 +60,8 @@ class Inferred:
         Whether photoreceptors are surely quicker than those of event cameras.
     lead : float
         What it amounts to that it is not known better how early noise fires events [slots].
+    doubted : tuple of str
+        Of `rig.NAMES`: what may as well be as told, which what is left open of maps holds.
     """
 
     rig: Rig
@@ -75,6 +77,7 @@ class Inferred:
     log_reflectance_sigma: np.ndarray
     no_lag: bool = False
     lead: float = 0.0
+    doubted: tuple[str, ...] = ()
 
 
 def infer(
@@ -123,6 +126,8 @@ def infer(
         group: turn_deg(point.theta, response @ np.where(np.isin(owner, of_group), away, 0))
         for group, of_group in GROUPS.items()
     }
+    doubted = _doubted(posterior, away, around)
+    wide = around + _between(posterior, away, doubted)
     sigma = np.sqrt(np.einsum("ij,jk,ik->i", posterior.basis.vectors, around, posterior.basis.vectors))
     return Inferred(
         posterior.rig(point.free),
@@ -134,30 +139,32 @@ def infer(
         {name: posterior.wanted(point, tolerance, name) for name in left},
         turn_deg(point.theta, response @ (point.free - begin)),
         n_step,
-        *_left_open(
-            point.theta[:, : posterior.n_map], response, around + _disbelieved(posterior, away, around)
-        ),
+        *_left_open(point.theta[:, : posterior.n_map], response, wide),
         _no_lag(posterior, point, around),
         _lead(posterior, point),
+        doubted,
     )
 
 
-def _disbelieved(posterior: Posterior, away: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Give the covariance (n_free, n_free) of not knowing whether to believe the events or what is told of the LEDs.
+def _doubted(posterior: Posterior, away: np.ndarray, around: np.ndarray) -> tuple[str, ...]:
+    """Name what is known of the LEDs hardly better than it is told, and yet found far from that.
 
-    Where the events know them hardly better than they are told, and yet find them far from it, the scene has a valley: on
-    a plane LEDs, normal and reflectance are too many for what all its pixels say alike. As of two values that are equally
-    likely, one of which was taken: the square of what is between them.
+    There the scene has a valley: on a plane powers, normal and reflectance are too many for what all its pixels say alike.
     """
-    out = np.zeros_like(around)
+    out = []
     for name in LEARNT:
         of = posterior.basis.owner == name
         told = posterior.told_sigma[of]
         vague = np.sum(np.diag(around)[of]) > np.sum((VAGUE * told) ** 2)
         if vague and np.sum(away[of] ** 2) > np.sum((MOST_LEARNT * told) ** 2):
-            between = np.where(of, away, 0)
-            out += np.outer(between, between)
-    return out
+            out.append(name)
+    return tuple(out)
+
+
+def _between(posterior: Posterior, away: np.ndarray, doubted: tuple[str, ...]) -> np.ndarray:
+    """Give the covariance (n_free, n_free) of values of which that told and that found are equally likely, and one was taken."""
+    between = [np.where(posterior.basis.owner == name, away, 0) for name in doubted]
+    return sum((np.outer(one, one) for one in between), np.zeros((len(away), len(away))))
 
 
 def _known(posterior: Posterior, point: Point, tolerance: Told) -> tuple:

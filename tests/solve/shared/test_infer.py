@@ -59,6 +59,7 @@ def test_sigmas_hold_what_is_not_believed_of_powers(wrong, monkeypatch):
     monkeypatch.setattr(search, "MOST_LEARNT", 0.0)
     found = wrong.infer(("powers",))
     np.testing.assert_array_equal(found.sigma.vector, believed.sigma.vector)
+    assert believed.doubted == () and found.doubted == ("powers",)
     assert found.normal_sigma_deg > 5 * believed.normal_sigma_deg
     assert found.normal_sigma_deg == pytest.approx(found.turn_deg["powers"], rel=0.5)
 

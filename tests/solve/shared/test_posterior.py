@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from evsdr.solve.shared.infer import _disbelieved, _no_lag, _posterior
+from evsdr.solve.shared.infer import _between, _doubted, _no_lag, _posterior
 from evsdr.solve.shared.pixels import vector_of
 from evsdr.solve.shared.posterior import SLACK, Start
 from evsdr.solve.shared.rig import NOT_NEGATIVE, Told, across
@@ -127,8 +127,10 @@ def test_powers_that_events_hardly_know_but_find_far_off_may_be_as_told(posterio
     powers = posterior.basis.owner == "powers"
     away = np.where(powers, off * posterior.told_sigma, 0.0)
     around = np.diag((left * posterior.told_sigma) ** 2)
+    found = _doubted(posterior, away, around)
+    assert found == (("powers",) if doubted else ())
     expected = np.outer(away, away) if doubted else np.zeros_like(around)
-    np.testing.assert_allclose(_disbelieved(posterior, away, around), expected, rtol=1e-12)
+    np.testing.assert_allclose(_between(posterior, away + ~powers, found), expected, rtol=1e-12)
 
 
 def test_what_is_only_considered_makes_the_others_less_known(case):
