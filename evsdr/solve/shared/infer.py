@@ -28,8 +28,8 @@ LEAD = 0.2
 # Standard deviations that a lag is from usual ones where it is none; guessed. Measured: scatter of thresholds of 20 to 40 % ends at the
 # quickest with sigmas of 0.4 to 2 us, as noise of 4 to 18 of its own; an EVK4 in slots of 10 s at times, too, with 6 to 8 us
 SURE = 4.0
-# Tolerances of powers and directions from which they are known hardly better than told; guessed. Measured: .5 to 2 on planes that turn
-# by 6 and 14 degrees, under 0.1 on spheres
+# Tolerances of powers and directions from which they are known hardly better than told; guessed. Measured: .4 to 2 on planes, of
+# which those from .5 turn by 5 to 15 degrees; under 0.1 on spheres, blobs, reliefs
 VAGUE = 0.5
 FIRST_DAMPING, DAMPING_RANGE = 1e-3, (1e-6, 1e6)
 FIRST_STIFFNESS, MOST_STIFFNESS = 1e-2, 1e3
