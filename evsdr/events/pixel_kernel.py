@@ -93,14 +93,13 @@ def run_pixels(light, threshold_on, threshold_off, leak, state, model, t_us, pol
 
 
 @njit(cache=True)
-def gather(todo, count, t_us, polarity, pixel_out, polarity_out, t_us_out):
-    """Write the events of the pixels that had room one after the other."""
-    n = 0
+def gather(todo, start, count, t_us, polarity, pixel_out, polarity_out, t_us_out):
+    """Write the events of the pixels that had room, those of each from its start on."""
     for i in range(len(todo)):
         if count[i] <= t_us.shape[1]:
             for k in range(count[i]):
+                n = start[i] + k
                 pixel_out[n], t_us_out[n], polarity_out[n] = todo[i], t_us[i, k], polarity[i, k]
-                n += 1
 
 
 @njit(cache=True, error_model="numpy")

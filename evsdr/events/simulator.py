@@ -11,6 +11,7 @@ import numpy as np
 from evsdr.errors import InputError
 from evsdr.events.pixel import SMALLEST_THRESHOLD, EventPixel
 from evsdr.events.pixel_kernel import NOISE_STEP, Model, gather, run_pixels
+from evsdr.events.sorting import sort_events
 from evsdr.records import Events, Schedule
 
 SPREAD_CORRELATION = -0.21  # between the fixed patterns of C_on and C_off, measured on 921,600 pixels
@@ -113,25 +114,10 @@ def simulate_events(
     height, width = signal.shape[1:]
     fixed = draw_pattern(pixel, height, width, seed)
     found = find_crossings(signal, constant_light, schedule, n_round, pixel, fixed, led_rise_us, progress)
-    t = np.rint(found.t_us + schedule.start_us).astype(np.int64)
-    since_start = t - int(np.floor(schedule.start_us))
-    order = _order_of(since_start * (height * width) + found.pixel)
-    y, x = np.divmod(found.pixel[order], width)
-    p = (found.polarity[order] > 0).astype(np.int8)
-    events = Events(x.astype(np.uint16), y.astype(np.uint16), p, t[order])
+    events = Events(*sort_events(found.pixel, found.polarity, found.t_us, float(schedule.start_us), width))
     round_us = schedule.slot_us * len(schedule.order)
     round_start = np.rint(np.arange(n_round + 1) * round_us + schedule.start_us).astype(np.int64)
     return events, fixed.threshold_on, fixed.threshold_off, round_start
-
-
-def _order_of(key: np.ndarray) -> np.ndarray:
-    """Give the stable order of numbers of 0 or more; plain numbers are sorted several times as fast as by `argsort`."""
-    bits = len(key).bit_length()
-    if not len(key) or int(key.max()).bit_length() + bits > 63:
-        return np.argsort(key, kind="stable")
-    packed = (key << bits) | np.arange(len(key))
-    packed.sort()
-    return packed & ((1 << bits) - 1)
 
 
 def _check(signal, constant_light, schedule, n_round, seed, led_rise_us) -> None:
@@ -204,7 +190,7 @@ def find_crossings(
     maps = [np.ravel(m) for m in (fixed.threshold_on, fixed.threshold_off, fixed.leak, fixed.state)]
     parts, t_us, polarity = [], np.empty((0, 0)), np.empty((0, 0), np.int8)
     for begin in range(0, n_pixel, BLOCK):
-        todo, room = np.arange(begin, min(begin + BLOCK, n_pixel)), ROOM
+        todo, room, start = np.arange(begin, min(begin + BLOCK, n_pixel)), ROOM, None
         while len(todo):
             light = signal[lit, todo[:, None]].astype(np.float64)
             light[:, lit < 0] = 0
@@ -213,10 +199,10 @@ def find_crossings(
                 t_us, polarity = np.empty((len(todo), room)), np.empty((len(todo), room), np.int8)
             count, room = np.empty(len(todo), np.int64), t_us.shape[1]
             run_pixels(light, *(m[todo] for m in maps), model, t_us, polarity, count)
-            n = int(count[count <= room].sum())
-            part = np.empty(n, np.int64), np.empty(n, np.int8), np.empty(n)
-            gather(todo, count, t_us, polarity, *part)
-            parts.append(part)
+            if start is None:
+                start, n = np.cumsum(count) - count, int(count.sum())
+                parts.append((np.empty(n, np.int64), np.empty(n, np.int8), np.empty(n)))
+            gather(todo, start[todo - begin], count, t_us, polarity, *parts[-1])
             todo, room = todo[count > room], int(count.max())
         if progress:
             progress(min(begin + BLOCK, n_pixel), n_pixel)

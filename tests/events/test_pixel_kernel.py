@@ -5,7 +5,6 @@ import pytest
 
 from evsdr.events.pixel import SMALLEST_THRESHOLD
 from evsdr.events.pixel_kernel import _draw_thresholds
-from evsdr.events.simulator import _order_of
 from tests.support.streams import draws
 
 
@@ -17,11 +16,3 @@ def test_thresholds_in_force():
     assert abs(np.corrcoef(on, off)[0, 1]) < 0.03
     assert draws(_draw_thresholds, 500, 0.025, 0.4, 0.5).min() == SMALLEST_THRESHOLD
     np.testing.assert_array_equal(draws(_draw_thresholds, 3, 0.2, 0.4, 0.0), np.tile([0.2, 0.4], (3, 1)))
-
-
-def test_order_is_stable(rng):
-    key = rng.integers(0, 50, 1000)
-    expected = np.argsort(key, kind="stable")
-    np.testing.assert_array_equal(_order_of(key), expected)
-    np.testing.assert_array_equal(_order_of(key + 2**60), expected)
-    assert len(_order_of(key[:0])) == 0
