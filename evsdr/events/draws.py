@@ -40,21 +40,30 @@ def _draw_uniform(state):
     return state, (np.float64(bits >> np.uint64(11)) + 0.5) * 2.0**-53
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def draw_normal(state):
     """Give the next state and a normal deviate."""
+    state, bits = _draw_bits(state)
+    k = np.int64(bits & np.uint64(255))
+    x = ((np.float64(bits >> np.uint64(11)) + 0.5) * 2.0**-52 - 1) * EDGE[k]
+    return (state, x) if abs(x) < EDGE[k + 1] else _draw_rarely(state, k, x)
+
+
+@njit(cache=True)
+def _draw_rarely(state, k, x):
+    """Give the next state and a normal deviate, once x has left the rectangle within layer k."""
     while True:
+        state, u = _draw_uniform(state)
+        if k > 0:
+            if DENSITY[k] + u * (DENSITY[k + 1] - DENSITY[k]) < np.exp(-0.5 * x * x):
+                return state, x
+        else:
+            state, other = _draw_uniform(state)  # the tail
+            beyond = -np.log(u) / EDGE[1]
+            if -2 * np.log(other) > beyond * beyond:
+                return state, EDGE[1] + beyond if x > 0 else -EDGE[1] - beyond
         state, bits = _draw_bits(state)
         k = np.int64(bits & np.uint64(255))
         x = ((np.float64(bits >> np.uint64(11)) + 0.5) * 2.0**-52 - 1) * EDGE[k]
         if abs(x) < EDGE[k + 1]:
             return state, x
-        state, u = _draw_uniform(state)
-        if k > 0:
-            if DENSITY[k] + u * (DENSITY[k + 1] - DENSITY[k]) < np.exp(-0.5 * x * x):
-                return state, x
-            continue
-        state, other = _draw_uniform(state)  # the tail
-        beyond = -np.log(u) / EDGE[1]
-        if -2 * np.log(other) > beyond * beyond:
-            return state, EDGE[1] + beyond if x > 0 else -EDGE[1] - beyond

@@ -34,6 +34,7 @@ from evsdr.events.pixel import SMALLEST_THRESHOLD
 from evsdr.events.segment import (
     N_TERM,
     bounds,
+    free_time,
     late_after,
     length_of_segment,
     look,
@@ -43,12 +44,12 @@ from evsdr.events.segment import (
     x_at,
 )
 
-TINY = 1e-300
 NOISE_STEP = 0.5
 FAR = 5.0  # standard deviations of the noise that are out of its reach, at 1 in 3 million of its steps
-OFTEN = 8.0  # own time after which the bounds are drawn anew
-KEPT = float(np.exp(-NOISE_STEP))
-FRESH = float(np.sqrt(1 - KEPT**2))
+OFTEN = 7.75  # own time after which the bounds are drawn anew; between two steps of noise, so that rounding decides nothing
+# Of the noise after so many of its steps: what is left, and what has come; after the last of them 1e-17 is left
+KEPT = np.exp(-NOISE_STEP * np.arange(80))
+FRESH = np.sqrt(1 - KEPT**2)
 
 
 class Model(NamedTuple):
@@ -87,9 +88,11 @@ def run_pixels(light, threshold_on, threshold_off, leak, state, model, t_us, pol
         Written: numbers of events, more than `room` where that was too little.
     """
     for i in prange(len(light)):
-        count[i] = _run_pixel(
-            light[i], threshold_on[i], threshold_off[i], leak[i], state[i], model, t_us[i], polarity[i]
-        )
+        on, off = threshold_on[i], threshold_off[i]
+        if model.cutoff == 0 and model.led_rate == 0 and leak[i] == 0:
+            count[i] = _run_bare_pixel(light[i], on, off, state[i], model, t_us[i], polarity[i])
+        else:
+            count[i] = _run_pixel(light[i], on, off, leak[i], state[i], model, t_us[i], polarity[i])
 
 
 @njit(cache=True)
@@ -100,6 +103,50 @@ def gather(todo, start, count, t_us, polarity, pixel_out, polarity_out, t_us_out
             for k in range(count[i]):
                 n = start[i] + k
                 pixel_out[n], t_us_out[n], polarity_out[n] = todo[i], t_us[i, k], polarity[i, k]
+
+
+@njit(cache=True, error_model="numpy")
+def _run_bare_pixel(light, threshold_on, threshold_off, state, model, t_us, polarity):
+    """Run one pixel with v = log I and no leak, while LEDs rise at once; give its number of events.
+
+    Light then goes one way, evenly, and crosses levels where it is their exponential.
+    """
+    n_slot, n_event, logs = len(light) - 1, 0, np.log(light)
+    state, on, off = _draw_thresholds(state, threshold_on, threshold_off, model.event_noise)
+    state, _ = draw_normal(state)  # thresholds are those of a pixel with a leak
+    reference, waiting, ready = 0.0, True, 0.0
+    for piece in range(2 * n_slot * model.n_round):
+        k, fading = divmod(piece, 2)
+        duration = model.slot_us * (model.crossfade if fading else 1 - model.crossfade)
+        if duration <= 0:
+            continue
+        t_piece = k * model.slot_us + fading * (model.slot_us - duration)
+        k %= n_slot
+        slope = (light[k + fading] - light[k]) / duration
+        x, v, v_end = 0.0, logs[k], logs[k + fading]
+        while True:
+            if waiting:
+                if ready >= t_piece + duration:
+                    break
+                if ready > t_piece:
+                    x = ready - t_piece
+                    v = np.log(light[k] + slope * x)
+                reference, waiting = v, False
+            if max(v, v_end) >= reference + on:
+                sign, level = 1, reference + on
+            elif min(v, v_end) <= reference - off:
+                sign, level = -1, reference - off
+            else:
+                break
+            if sign * (level - v) > 0:  # else light has jumped
+                x = min(max((np.exp(level) - light[k]) / slope, x), duration)
+            if n_event < len(t_us):
+                t_us[n_event] = t_piece + x
+                polarity[n_event] = sign
+            n_event += 1
+            waiting, ready = True, t_piece + x + model.refractory_us
+            state, on, off = _draw_thresholds(state, threshold_on, threshold_off, model.event_noise)
+    return n_event
 
 
 @njit(cache=True, error_model="numpy")
@@ -161,48 +208,46 @@ def _run_pixel(light, threshold_on, threshold_off, leak, state, model, t_us, pol
             then = begin - lag + slope * x_piece + after
             log_then = np.log(then) if not is_last or model.led_rate > 0 else log_end
             segment = new_segment(length, now, slope, transient, log_now - late, late, model, poly)
-            span, late_now = segment.span, late
+            span, v_then = segment.span, segment.then if model.cutoff > 0 else log_then
             drift = (
                 leak / (model.cutoff * min(now, then)) if model.cutoff > 0 else leak
             )  # per own time, at most
-            s, level = 0.0, reference - leak * (t - t_reference)
+            s, x, v, rate = 0.0, 0.0, log_now - late, late
+            level = reference - leak * (t - t_reference)
             while True:
                 if waiting:
                     if ready >= t + length:
                         break
-                    s = min(max(own_time(ready - t, segment), s), span)
+                    x = max(ready - t, x)
+                    s = min(max(own_time(x, segment), s), span)
                     state, node, noise, noise_then = _noise_until(
                         s, state, node, noise, noise_then, model.noise
                     )
-                    lagged, _ = look(s, segment, poly)
-                    reference = lagged + _noise_at(s, node, noise, noise_then)
-                    t_reference, waiting = max(ready, t), False
-                    level = reference + leak * (t_reference - t)
-                stop, tilt, here = span, 0.0, 0.0
-                if model.led_rate == 0 and _keeps_within(
-                    log_then,
-                    log_now,
-                    log_now - late_now,
-                    leak * (t + length - t_reference),
-                    on - reach,
-                    off - reach,
-                    reference,
-                ):
+                elif s > 0:
+                    x = x_at(s, segment)
+                if s > 0:
+                    v, rate = look(s, segment, poly)
+                if waiting:
+                    reference = v + _noise_at(s, node, noise, noise_then)
+                    t_reference, waiting = t + x, False
+                    level = reference + leak * x
+                ahead = span - s
+                up = level + on - v - leak * x
+                down = on + off - up
+                up_then = level + on - v_then - leak * length
+                down_then = on + off - up_then
+                slowest, fastest = bounds(s, span, rate, drift, segment)
+                free = min(
+                    free_time(up - reach, up_then - reach, slowest, fastest, ahead),
+                    free_time(down - reach, down_then - reach, -fastest, -slowest, ahead),
+                )
+                if free >= ahead:
                     break
+                stop, tilt, here = span, 0.0, 0.0
                 if model.noise > 0:
-                    if s >= span:
-                        break
-                    lagged, late = look(s, segment, poly)
-                    up = level + on - lagged - leak * x_at(s, segment)
-                    down = on + off - up
-                    slowest, fastest = bounds(s, span, late, drift, segment)
-                    if up > reach and down > reach:
-                        free = min((up - reach) / max(fastest, TINY), (down - reach) / max(-slowest, TINY))
-                        if free > 2 * NOISE_STEP:
-                            s += free
-                            if s >= span:
-                                break
-                            continue
+                    if free > 2 * NOISE_STEP:
+                        s += free
+                        continue
                     state, node, noise, noise_then = _noise_until(
                         s, state, node, noise, noise_then, model.noise
                     )
@@ -218,20 +263,34 @@ def _run_pixel(light, threshold_on, threshold_off, leak, state, model, t_us, pol
                             break
                         state, normal = draw_normal(state)
                         noise, node = noise_then, node + NOISE_STEP
-                        noise_then = KEPT * noise + FRESH * model.noise * normal
+                        noise_then = KEPT[1] * noise + FRESH[1] * model.noise * normal
                     if s == stop:
                         if s == span:
                             break
                         continue
                     tilt = (noise_then - noise) / NOISE_STEP
-                s, sign = next_crossing(
-                    s, stop, level - off, level + on, here, tilt, leak, drift, segment, poly
+                    if s > first:
+                        x, (v, rate) = x_at(s, segment), look(s, segment, poly)
+                s, x, sign = next_crossing(
+                    s,
+                    x,
+                    stop,
+                    v + leak * x,
+                    rate,
+                    level - off,
+                    level + on,
+                    here,
+                    tilt,
+                    leak,
+                    drift,
+                    segment,
+                    poly,
                 )
                 if sign == 0:
                     if s == span:
                         break
                     continue
-                t_event = t + x_at(s, segment)
+                t_event = t + x
                 if n_event < len(t_us):
                     t_us[n_event] = t_event
                     polarity[n_event] = sign
@@ -240,10 +299,8 @@ def _run_pixel(light, threshold_on, threshold_off, leak, state, model, t_us, pol
                 state, on, off = _draw_thresholds(state, threshold_on, threshold_off, model.event_noise)
 
             if model.cutoff > 0:
-                _, late = look(span, segment, poly)
                 node -= span
-            else:
-                late = 0.0
+            late = segment.late_then
             now, log_now, transient = then, log_then, after
         glow, lagged = now, log_now - late
     return n_event
@@ -264,12 +321,12 @@ def _noise_until(s, state, node, noise, noise_then, sigma):
         return state, node, noise, noise_then
     skipped = int((s - node) / NOISE_STEP)
     if skipped > 0:
-        kept = np.exp(-NOISE_STEP * skipped)
+        k = min(skipped, len(KEPT) - 1)
         state, normal = draw_normal(state)
-        noise_then = kept * noise_then + sigma * np.sqrt(1 - kept * kept) * normal
+        noise_then = KEPT[k] * noise_then + FRESH[k] * sigma * normal
         node += NOISE_STEP * skipped
     state, normal = draw_normal(state)
-    return state, node + NOISE_STEP, noise_then, KEPT * noise_then + FRESH * sigma * normal
+    return state, node + NOISE_STEP, noise_then, KEPT[1] * noise_then + FRESH[1] * sigma * normal
 
 
 @njit(cache=True)

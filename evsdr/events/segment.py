@@ -8,17 +8,22 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-CHANGE = 0.2  # of log intensity in a segment: tanh(CHANGE)^N_TERM / 16, 1e-7, is left of the growth's integral (derived)
+CHANGE = 0.35  # of log intensity in a segment; v is then right to 1.3e-7 (measured by tiny steps)
 N_TERM = 8  # of the growth
-SHORT = 0.5  # own time below which the lateness is its power series; rounding leaves 1e-12 on both sides (derived)
+SHORT = 0.5  # own time below which the lateness is its power series; rounding leaves 3e-12 on the other side (derived)
 OF_RISE = 0.5  # of an LED's rise time in a segment, as long as it still rises
 RISEN = 1e-12  # of the light, that may be missing of an LED's
 MIN_STEP_US = 1e-3
+TINY = 1e-300
 GRAZED = 1e-9  # of log intensity, by which v may turn beyond a threshold unseen
-CROSSING_TOLERANCE = 1e-12  # of log intensity
+CROSSING_TOLERANCE = 1e-13  # of log intensity
 # Own time after which nothing is left of what was, and of a term of the series (1e-7)
 LONG, ASYMPTOTIC = 40.0, 1 / 32
+RISEN_BY, FALLEN_BY = float(np.expm1(CHANGE)), float(np.expm1(-CHANGE))  # of the light at a segment's begin
+PER_UNIT = 16  # of own time: entries of a table of exp(-s)
+LEFT = np.exp(-np.arange(LONG * PER_UNIT + 1) / PER_UNIT)
 PER_ORDER = tuple(1 / k for k in range(1, N_TERM + 2))
+FAST = {"contract"}  # a * b + c in one go
 
 
 class Segment(NamedTuple):
@@ -36,15 +41,26 @@ class Segment(NamedTuple):
     cutoff: float
     base: float
     excess: float
+    then: float  # v and lateness at the end
+    late_then: float
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def left_after(s):
+    """Give exp(-s) for s of 0 or more, to 1e-14 (derived): from a table, by its series about the nearest entry."""
+    s = min(s, LONG)
+    k = int(PER_UNIT * s + 0.5)
+    r = k / PER_UNIT - s
+    return LEFT[k] * (1 + r * (1 + r * (1 / 2 + r * (1 / 6 + r * (1 / 24 + r * (1 / 120 + r * (1 / 720)))))))
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def late_after(span, late, slope, end, cutoff):
     """Give the lateness when an even fade to `end` is over, nan where its asymptotic series will not do."""
     if cutoff == 0:
         return 0.0
     if slope == 0:
-        return late * np.exp(-span)
+        return late * left_after(span)
     growth = slope / (cutoff * end * end)
     if span < LONG or abs(growth) > 0.5 * ASYMPTOTIC:
         return np.nan
@@ -55,38 +71,40 @@ def late_after(span, late, slope, end, cutoff):
     return late
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def length_of_segment(now, slope, transient, rest, model):
     """Give how long growth is a polynomial [us]; light alone is exact as long as it goes one way."""
     rises = abs(transient) > RISEN * now
     if not rises and (slope == 0 or model.cutoff == 0):
         return rest
-    steepness = abs(slope) + abs(transient) * model.led_rate
-    length = (1 - np.exp(-CHANGE)) * now / steepness
-    if rises:
-        length = min(length, OF_RISE * model.led_rise_us)
+    if not rises:
+        length = now * (RISEN_BY if slope > 0 else FALLEN_BY) / slope
+    else:
+        steepness = abs(slope) + abs(transient) * model.led_rate
+        length = min(-FALLEN_BY * now / steepness, OF_RISE * model.led_rise_us)
     return min(max(length, MIN_STEP_US), rest)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def new_segment(length, now, slope, transient, lagged, late, model, poly):
     """Give a segment that starts with this light, v and lateness, and write the polynomial of the lateness."""
     led_rate = model.led_rate if abs(transient) > RISEN * now else 0.0
     transient = transient if led_rate > 0 else 0.0
     flat = now - transient
-    segment = Segment(length, length, flat, slope, transient, led_rate, model.cutoff, 0.0, 0.0)
+    segment = Segment(length, length, flat, slope, transient, led_rate, model.cutoff, 0.0, 0.0, 0.0, 0.0)
     if model.cutoff == 0:
         return segment
     span = own_time(length, segment)
     middle = 0.5 * span
     if slope == 0 and transient == 0:
-        poly[:] = 0
-        return Segment(length, span, flat, slope, transient, led_rate, model.cutoff, lagged + late, late)
+        left = late * left_after(span)
+        then = lagged + late - left
+        return Segment(
+            length, span, flat, slope, transient, led_rate, model.cutoff, lagged + late, late, then, left
+        )
     if transient == 0:
         bend = slope / (model.cutoff * now * now + slope * span)  # 1 / (2 c) in the middle
-        poly[0] = bend
-        for k in range(1, N_TERM):
-            poly[k] = -2 * bend * poly[k - 1]
+        _fit_even_growth(bend, span, poly)
     else:
         _fit_growth(segment, middle, poly)
     if span < SHORT:
@@ -99,12 +117,31 @@ def new_segment(length, now, slope, transient, lagged, late, model, poly):
             poly[k] -= (k + 1) * poly[k + 1]
     integral, value = _sums(-middle, poly)
     excess = late - value
+    base, left = lagged - integral + excess, excess * left_after(span)
+    integral, value = _sums(middle, poly)
+    then = base + integral - left
     return Segment(
-        length, span, flat, slope, transient, led_rate, model.cutoff, lagged - integral + excess, excess
+        length, span, flat, slope, transient, led_rate, model.cutoff, base, excess, then, value + left
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _fit_even_growth(bend, span, poly):
+    """Write a polynomial near bend / (1 + 2 bend t) for 2 |t| up to the span.
+
+    That is (1 - T(2 t / span) / T(-1 / (bend span))) bend / (1 + 2 bend t) with Chebyshev's polynomial T of order 8, which the
+    denominator divides: the error is as small everywhere, a hundredth of the power series' at the ends.
+    """
+    far, steep = (bend * span) ** 2, 4 * bend * bend
+    last = bend / (128 - far * (256 - far * (160 - far * (32 - far))))
+    poly[0], poly[2] = bend - last * far**4, 32 * last * far**3 * steep
+    poly[4], poly[6] = -160 * last * far**2 * steep**2, 256 * last * far * steep**3
+    poly[1] = poly[3] = poly[5] = poly[7] = 0.0
+    for k in range(1, N_TERM):
+        poly[k] -= 2 * bend * poly[k - 1]
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
 def _fit_growth(segment, middle, poly):
     """Write the polynomial about the middle through the growth at N_TERM times (Newton's)."""
     at, last = np.empty(N_TERM), N_TERM - 1
@@ -122,7 +159,7 @@ def _fit_growth(segment, middle, poly):
         poly[0] = newton[j] - at[j] * poly[0]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def own_time(x, segment):
     """Give s at x."""
     if segment.cutoff == 0:
@@ -133,7 +170,7 @@ def own_time(x, segment):
     return segment.cutoff * light
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def x_at(s, segment):
     """Give x at s: the root of a parabola, by Newton's method where LEDs rise."""
     if segment.cutoff == 0:
@@ -150,13 +187,13 @@ def x_at(s, segment):
     return x
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=FAST, forceinline=True)
 def _light_at(x, segment):
     light = segment.flat + segment.slope * x
     return light + segment.transient * np.exp(-segment.led_rate * x) if segment.led_rate > 0 else light
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _growth_at(x, segment):
     """Give dlog I/ds at x."""
     light, rise = _light_at(x, segment), segment.slope
@@ -165,7 +202,7 @@ def _growth_at(x, segment):
     return rise / light if segment.cutoff == 0 else rise / (segment.cutoff * light * light)
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=FAST, forceinline=True)
 def _sums(t, poly):
     """Give the integral of the polynomial from the middle to t, and its value there."""
     integral, value = 0.0, 0.0
@@ -175,19 +212,19 @@ def _sums(t, poly):
     return integral * t, value
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def look(s, segment, poly):
     """Give v and dv/ds at s."""
     if segment.cutoff == 0:
         return np.log(_light_at(s, segment)), _growth_at(s, segment)
-    left = segment.excess * np.exp(-s)
+    left = segment.excess * left_after(s)
     if segment.slope == 0 and segment.transient == 0:
         return segment.base - left, left
     integral, value = _sums(s - 0.5 * segment.span, poly)
     return segment.base + integral - left, value + left
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _growth_then(s, segment):
     """Give dlog I/ds at s."""
     if segment.cutoff == 0 or segment.led_rate > 0:
@@ -196,69 +233,85 @@ def _growth_then(s, segment):
     return segment.slope / (segment.cutoff * begin * begin + 2 * segment.slope * s)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def bounds(s, stop, rate, drift, segment):
     """Give how slow and how fast v + leak x is at the least and the most between s, where v has this rate, and stop."""
     growth, growth_stop = _growth_then(s, segment), _growth_then(stop, segment)
-    slowest, fastest = min(rate, min(growth, growth_stop)), max(rate, max(growth, growth_stop))
+    least, most = min(growth, growth_stop), max(growth, growth_stop)
     if segment.led_rate > 0:  # growth may turn
         more = 2 * abs(_growth_then(0.5 * (s + stop), segment) - 0.5 * (growth + growth_stop))
-        slowest, fastest = slowest - more, fastest + more
-    return slowest, fastest + drift
+        least, most = least - more, most + more
+    if segment.cutoff == 0:
+        return least, most + drift
+    soon = min(stop - s, 1.0)  # 1 - exp(s - stop) at most: as far the lateness goes to the growth
+    return rate - soon * max(rate - least, 0.0), rate + soon * max(most - rate, 0.0) + drift
 
 
-@njit(cache=True, error_model="numpy")
-def next_crossing(s, stop, low, high, noise, tilt, leak, drift, segment, poly):
-    """Find when v + noise + leak x first leaves low to high; the noise is linear. Gives s and +1 or -1, or stop and 0."""
-    value, rate = look(s, segment, poly)
-    value += noise + leak * x_at(s, segment)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def free_time(gap, gap_then, slowest, fastest, ahead):
+    """Give how long something surely does not rise by `gap`, which is `gap_then` after `ahead`; that is long if it never does."""
+    if gap <= 0:
+        return 0.0
+    free = gap / max(fastest, TINY)
+    if slowest >= 0:
+        return max(free, ahead + gap_then / max(slowest, TINY))
+    return np.inf if free - gap_then / slowest > ahead else free
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def next_crossing(s, x, stop, value, rate, low, high, noise, tilt, leak, drift, segment, poly):
+    """Find when v + noise + leak x first leaves low to high; the noise is linear.
+
+    Gives s, x, and +1 or -1, or 0 at `stop`. At first `value` is v + leak x, and `rate` is dv/ds.
+    """
+    value += noise
     if value >= high or value <= low:
-        return s, 1 if value >= high else -1
-    if s >= stop:
-        return stop, 0
+        return s, x, 1 if value >= high else -1
     then = stop
-    while True:
+    while s < stop:
         value_then, rate_then = look(then, segment, poly)
-        value_then += noise + tilt * (then - s) + leak * x_at(then, segment)
-        slowest, fastest = 0.0, 0.0
-        if segment.cutoff > 0 or leak > 0 or segment.led_rate > 0:
-            slowest, fastest = bounds(s, then, rate, drift, segment)
+        x_then = x_at(then, segment)
+        value_then += noise + tilt * (then - s) + leak * x_then
+        slowest, fastest = bounds(s, then, rate, drift, segment)
         slowest, fastest, ahead = slowest + tilt, fastest + tilt, then - s
         if slowest >= 0 or fastest <= 0 or max(fastest, -slowest) * ahead <= GRAZED:
             if value_then >= high or value_then <= low:
                 sign, level = (1, high) if value_then >= high else (-1, low)
-                return _find_crossing(
-                    s, then, value - level, value_then - level, noise - level, tilt, leak, segment, poly
-                ), sign
+                ends = x, x_then, value - level, value_then - level
+                bend = (fastest - slowest) / (min(ahead, 1.0) if segment.cutoff > 0 else ahead)
+                x = _find_crossing(*ends, noise - level - tilt * s, tilt, bend, leak, segment, poly)
+                return own_time(x, segment), x, sign
         elif value + fastest * ahead >= high or value + slowest * ahead <= low:
             then = s + 0.5 * ahead
             continue
-        if then == stop:
-            return stop, 0
-        s, value, rate, noise, then = then, value_then, rate_then, noise + tilt * ahead, stop
+        s, x, value, rate, noise, then = then, x_then, value_then, rate_then, noise + tilt * ahead, stop
+    return s, x, 0
 
 
-@njit(cache=True, error_model="numpy")
-def _find_crossing(s_low, s_high, f_low, f_high, offset, tilt, leak, segment, poly):
-    """Find s where v + offset + tilt (s - s_low) + leak x = 0 by Newton's method; f_low and f_high differ in sign."""
-    first = s_low
-    if segment.cutoff == 0 and segment.led_rate == 0 and leak == 0:
-        return min(max((np.exp(-offset) - segment.flat) / segment.slope, s_low), s_high)
-    s = (s_low * f_high - s_high * f_low) / (f_high - f_low)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _find_crossing(x_low, x_high, f_low, f_high, offset, tilt, bend, leak, segment, poly):
+    """Find x where v + offset + tilt s + leak x = 0 by Newton's method; f_low and f_high differ in sign.
+
+    The second derivative of v with respect to s is `bend` at most.
+    """
+    steepness = segment.cutoff * (abs(segment.slope) + abs(segment.transient) * segment.led_rate)
+    x = (x_low * f_high - x_high * f_low) / (f_high - f_low)
     for _ in range(100):
+        s = own_time(x, segment)
         value, rate = look(s, segment, poly)
-        f = value + offset + tilt * (s - first)
-        if leak > 0:
-            x = x_at(s, segment)
-            f += leak * x
-            rate += leak if segment.cutoff == 0 else leak / (segment.cutoff * _light_at(x, segment))
+        f = value + offset + tilt * s + leak * x
         if abs(f) < CROSSING_TOLERANCE:
             break
         if (f > 0) == (f_high > 0):
-            s_high = s
+            x_high = x
         else:
-            s_low = s
-        s -= f / (rate + tilt)
-        if not s_low < s < s_high:
-            s = 0.5 * (s_low + s_high)
-    return s
+            x_low = x
+        rate += tilt
+        pace = segment.cutoff * _light_at(x, segment) if segment.cutoff > 0 else 1.0  # ds/dx
+        step = f / (rate * pace + leak)
+        x -= step
+        if not x_low < x < x_high:
+            x = 0.5 * (x_low + x_high)
+        elif (bend * pace * pace + steepness * abs(rate)) * step * step < CROSSING_TOLERANCE:
+            break
+    return x

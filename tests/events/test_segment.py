@@ -8,6 +8,8 @@ from evsdr.events.segment import (
     N_TERM,
     _growth_then,
     late_after,
+    bounds,
+    free_time,
     look,
     new_segment,
     next_crossing,
@@ -40,7 +42,7 @@ def segment_of(length, slope, transient=0.0, late=0.1, rise_us=0.0, cutoff=0.02,
 @pytest.mark.parametrize("late", [0.1, -2.0])
 @pytest.mark.parametrize(
     "length, slope, transient, rise_us",
-    [(300, 3e-4, 0, 0), (300, -3e-4, 0, 0), (10, 9e-3, 0, 0), (400, 0, 0, 0), (20, 1e-3, 0.1, 40), (100, 1e-4, -0.1, 200)],
+    [(300, 3e-4, 0, 0), (300, -3e-4, 0, 0), (10, 9e-3, 0, 0), (40, 5.2e-3, 0, 0), (200, -7e-4, 0, 0), (400, 0, 0, 0), (20, 1e-3, 0.1, 40), (100, 1e-4, -0.1, 200)],
 )  # fmt: skip
 def test_the_photoreceptor_answers(length, slope, transient, rise_us, late):
     """dv/ds = log I - v in small steps, short and long against tau; its rate; and x at its own time."""
@@ -78,12 +80,48 @@ def test_crossings_are_where_they_are(leak, tilt):
     segment, poly, *_ = segment_of(300.0, 4e-4, late=-0.4)
     s = np.linspace(0, segment.span, 20_001)
     path = np.array([look(at, segment, poly)[0] + leak * x_at(at, segment) for at in s]) + tilt * s
-    drift = leak / (0.02 * 0.5)
+    drift, (value, rate) = leak / (0.02 * 0.5), look(0.0, segment, poly)
     for low in (path[0] - 0.1, path.min() + 1e-7, path.min() - 1e-7):
-        found, sign = next_crossing(0.0, segment.span, low, 9.0, 0.0, tilt, leak, drift, segment, poly)
+        found, x, sign = next_crossing(
+            0.0, 0.0, segment.span, value, rate, low, 9.0, 0.0, tilt, leak, drift, segment, poly
+        )
         beyond = np.flatnonzero(path <= low)
         assert sign == -(len(beyond) > 0)
         expected = s[beyond[0]] if len(beyond) else segment.span
         assert found == pytest.approx(expected, abs=2e-4 * segment.span)
-    assert next_crossing(0.0, segment.span, -9.0, path[0], 0.0, tilt, leak, drift, segment, poly) == (0.0, 1)
+        assert x == pytest.approx(x_at(found, segment), rel=1e-9)
+    given = tilt, leak, drift, segment, poly
+    found = next_crossing(0.0, 0.0, segment.span, value, rate, -9.0, path[0], 0.0, *given)
+    assert found == (0.0, 0.0, 1)
     assert _growth_then(0.0, segment) == pytest.approx(4e-4 / (0.02 * 0.25))
+
+
+@pytest.mark.parametrize(
+    "slope, transient, late, rise_us", [(4e-4, 0, -0.4, 0), (-4e-4, 0, -0.4, 0), (1e-3, -0.1, 0.2, 200)]
+)
+def test_bounds_of_the_rate(slope, transient, late, rise_us, rng):
+    """No rate in between is beyond them, nor can v reach something in the time that is said to be free."""
+    segment, poly, *_ = segment_of(100.0, slope, transient, late, rise_us)
+    for _ in range(300):
+        s, stop = np.sort(segment.span * rng.random(2) ** 2)
+        path = np.array([look(at, segment, poly) for at in np.linspace(s, stop, 50)])
+        slowest, fastest = bounds(s, stop, path[0, 1], 0.0, segment)
+        assert slowest - 1e-6 <= path[:, 1].min() and path[:, 1].max() <= fastest + 1e-6
+        gap = path[:, 0].max() - path[0, 0] + 0.03 * rng.standard_normal() * rng.random() ** 4
+        free = free_time(gap, gap - path[-1, 0] + path[0, 0], slowest, fastest, stop - s)
+        if gap <= 0:
+            assert free == 0
+        else:
+            ahead = np.linspace(s, stop, 50) - s < free - 1e-9
+            assert free > 0 and path[ahead, 0].max() <= path[0, 0] + gap + 1e-9
+
+
+def test_time_that_is_free():
+    """Until it could be reached; from the end back; for good where both meet, or where it only falls."""
+    assert free_time(1.0, -1.0, 0.0, 0.5, 4.0) == pytest.approx(2)
+    assert free_time(1.0, -1.0, 0.5, 2.0, 4.0) == pytest.approx(2)
+    assert free_time(1.0, 0.5, -1.0, 1.0, 1.4) > 1.4 and free_time(1.0, 0.5, -1.0, 1.0, 1.6) == pytest.approx(
+        1
+    )
+    assert free_time(1.0, 3.0, -2.0, -0.1, 1.0) > 1
+    assert free_time(0.0, 1.0, -1.0, 1.0, 1.0) == 0
