@@ -11,7 +11,7 @@ from numba import njit
 CHANGE = 0.35  # of log intensity in a segment; v is then right to 1.3e-7 (measured by tiny steps)
 N_TERM = 8  # of the growth
 SHORT = 0.5  # own time below which the lateness is its power series; rounding leaves 3e-12 on the other side (derived)
-OF_RISE = 0.5  # of an LED's rise time in a segment, as long as it still rises
+OF_RISE = 0.75  # of an LED's rise time in a segment while its rise is as large as the light; v is as right (measured likewise)
 RISEN = 1e-12  # of the light, that may be missing of an LED's
 MIN_STEP_US = 1e-3
 TINY = 1e-300
@@ -73,7 +73,8 @@ def late_after(span, late, slope, end, cutoff):
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def length_of_segment(now, slope, transient, rest, model):
-    """Give how long growth is a polynomial [us]; light alone is exact as long as it goes one way."""
+    """Give how long growth is a polynomial [us], the longer the less an LED still rises; light alone is exact as long as it
+    goes one way."""
     rises = abs(transient) > RISEN * now
     if not rises and (slope == 0 or model.cutoff == 0):
         return rest
@@ -81,7 +82,8 @@ def length_of_segment(now, slope, transient, rest, model):
         length = now * (RISEN_BY if slope > 0 else FALLEN_BY) / slope
     else:
         steepness = abs(slope) + abs(transient) * model.led_rate
-        length = min(-FALLEN_BY * now / steepness, OF_RISE * model.led_rise_us)
+        few = OF_RISE * (now / abs(transient)) ** (1 / N_TERM)
+        length = min(-FALLEN_BY * now / steepness, few * model.led_rise_us)
     return min(max(length, MIN_STEP_US), rest)
 
 

@@ -42,7 +42,7 @@ def segment_of(length, slope, transient=0.0, late=0.1, rise_us=0.0, cutoff=0.02,
 @pytest.mark.parametrize("late", [0.1, -2.0])
 @pytest.mark.parametrize(
     "length, slope, transient, rise_us",
-    [(300, 3e-4, 0, 0), (300, -3e-4, 0, 0), (10, 9e-3, 0, 0), (40, 5.2e-3, 0, 0), (200, -7e-4, 0, 0), (400, 0, 0, 0), (20, 1e-3, 0.1, 40), (100, 1e-4, -0.1, 200)],
+    [(300, 3e-4, 0, 0), (300, -3e-4, 0, 0), (10, 9e-3, 0, 0), (40, 5.2e-3, 0, 0), (200, -7e-4, 0, 0), (400, 0, 0, 0), (20, 1e-3, 0.1, 40), (100, 1e-4, -0.1, 200), (160, 1e-4, 5e-7, 40)],
 )  # fmt: skip
 def test_the_photoreceptor_answers(length, slope, transient, rise_us, late):
     """dv/ds = log I - v in small steps, short and long against tau; its rate; and x at its own time."""
@@ -120,8 +120,8 @@ def test_time_that_is_free():
     """Until it could be reached; from the end back; for good where both meet, or where it only falls."""
     assert free_time(1.0, -1.0, 0.0, 0.5, 4.0) == pytest.approx(2)
     assert free_time(1.0, -1.0, 0.5, 2.0, 4.0) == pytest.approx(2)
-    assert free_time(1.0, 0.5, -1.0, 1.0, 1.4) > 1.4 and free_time(1.0, 0.5, -1.0, 1.0, 1.6) == pytest.approx(
-        1
-    )
+    assert free_time(1.0, 0.5, -1.0, 1.0, 1.4) > 1.4 and free_time(
+        1.0, 0.5, -1.0, 1.0, 1.55
+    ) == pytest.approx(1)
     assert free_time(1.0, 3.0, -2.0, -0.1, 1.0) > 1
     assert free_time(0.0, 1.0, -1.0, 1.0, 1.0) == 0
