@@ -62,17 +62,22 @@ def make_grid(mask: np.ndarray, UInt32: type) -> Grid:
     UInt32 : type
         Dr.Jit type of the numbers.
     """
-    number = np.full(mask.shape, -1)
-    number[mask] = own = np.arange(np.count_nonzero(mask))
-    height, width = mask.shape
-    padded = np.pad(number, 1, constant_values=-1)
-    index, exists = {}, {}
-    for name, (row, column) in PLACE.items():
-        at = padded[1 + row : 1 + row + height, 1 + column : 1 + column + width][mask]
+    own, index, exists = np.arange(np.count_nonzero(mask)), {}, {}
+    for name in PLACE:
+        at = beside(mask, name)
         index[name] = owned(UInt32, np.where(at >= 0, at, own))
         exists[name] = owned(UInt32, at >= 0) > 0
     dr.eval(index, exists)
     return Grid(mask, Links(index, exists))
+
+
+def beside(mask: np.ndarray, place: str, step: int = 1) -> np.ndarray:
+    """Give the number (n_pixel) of the masked pixel at one of `PLACE`, so many steps away; -1 where there is none."""
+    height, width = mask.shape
+    padded = np.full((height + 2 * step, width + 2 * step), -1)
+    padded[step:-step, step:-step][mask] = np.arange(np.count_nonzero(mask))
+    row, column = (step * (1 + away) for away in PLACE[place])
+    return padded[row : row + height, column : column + width][mask]
 
 
 def nearest(good: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from evsdr.solve.pair_data import PairData
 from evsdr.solve.problem import Problem
 from evsdr.solve.recipes import Effort
 from evsdr.solve.solution import Solution
-from evsdr.solve.stages import ALL_TERMS, PAIRS
+from evsdr.solve.stages import ALL_TERMS, PAIRS, Terms
 from evsdr.solve.system import system_of
 
 # Of each arc of LEDs that are hidden, or traced otherwise; guessed: 3 to 30 make no difference
@@ -31,8 +31,13 @@ LENGTHS = 1 / 12, 1 / 6, 1 / 3, 1 / 2, 3 / 4  # of arcs, of the ring
 # Nefertiti gain nothing
 N_BEGIN = 24
 SHARES = 0.2, 0.5, 0.8  # of LEDs at the ends of an arc
+N_CHANGE = 48  # guesses that `changes` gives, about
 AT_ONCE = 60_000  # guesses that are solved together
 TOLERANCE = 0.1  # gain in log likelihood that is worth a step
+RACED, WITHOUT_SILENCE = (
+    2,
+    Terms(silence=False),
+)  # steps and terms of a race; silence takes three quarters of a step
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,19 @@ class Judge:
         theta, cost = self._fit(pixel, share, theta, descents, ALL_TERMS)
         return theta, cost + self.prior(pixel, share)
 
+    def race(
+        self, pixel: np.ndarray, share: np.ndarray, theta: np.ndarray, descents: tuple, most: int
+    ) -> tuple:
+        """Fit guesses, and drop all but so many of each pixel soon: those that cost least after few steps without silence.
+
+        Arguments as when called; gives those of `Guess.better`.
+        """
+        first = ((descents[0][0], RACED),)
+        cost = self._fit(pixel, share, theta, first, WITHOUT_SILENCE)[1] + self.prior(pixel, share)
+        k = cheapest(pixel, cost, most)
+        pixel, share = pixel[k], share[:, k]
+        return pixel, share, *self(pixel, share, theta[k], descents)
+
     def rougher(self, factor: float) -> "Judge":
         """Take the noise for so many times as large."""
         return replace(self, solution=replace(self.solution, noise=factor * self.solution.noise))
@@ -135,6 +153,14 @@ class Judge:
             system = system_of(data, replace(state, softness=softness), which.loss(data))
             theta, terms, *_ = descend(system, theta, n_step, TOLERANCE)
         return np.stack([t.numpy() for t in theta], axis=-1), terms[0].numpy()
+
+
+def cheapest(pixel: np.ndarray, cost: np.ndarray, most: int) -> np.ndarray:
+    """Give which guesses are among so many of their pixel's that cost least."""
+    order = np.lexsort((cost, pixel))
+    of = pixel[order]
+    rank = np.arange(len(of)) - np.searchsorted(of, of)
+    return np.sort(order[rank < most])
 
 
 def arcs(order: np.ndarray, n_begin: int = N_BEGIN) -> np.ndarray:

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from evsdr.solve import grid as g
-from evsdr.solve.grid import make_grid, nearest
+from evsdr.solve.grid import beside, make_grid, nearest
 from tests.support.stencil_matrix import MASK, matrix_of
 
 
@@ -14,6 +14,14 @@ def test_neighbours_are_the_adjacent_masked_pixels():
     np.testing.assert_array_equal(index["up"], [0, 1, 1, 3])
     np.testing.assert_array_equal(index["down"], [0, 2, 2, 3])
     np.testing.assert_array_equal(index["down_right"], [2, 3, 2, 3])
+
+
+def test_pixels_some_steps_away():
+    mask = np.array([[1, 1, 1], [0, 1, 0], [1, 0, 1]], bool)
+    assert beside(mask, "right").tolist() == [1, 2, -1, -1, -1, -1]
+    assert beside(mask, "right", 2).tolist() == [2, -1, -1, -1, 5, -1]
+    assert beside(mask, "up_left", 2).tolist() == [-1, -1, -1, -1, -1, 0]
+    assert beside(mask, "down", 3).tolist() == [-1] * 6
 
 
 @pytest.mark.parametrize("name", ["SECOND_X", "SECOND_Y", "AROUND_P", "AROUND_Q", "SQUARE_MEAN"])

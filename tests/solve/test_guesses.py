@@ -5,7 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evsdr.solve.guesses import ARC, MISMATCH, PARTIAL, Guess, Judge, arcs, changes
+from evsdr.solve.guesses import (
+    ALL_TERMS,
+    ARC,
+    MISMATCH,
+    N_CHANGE,
+    PARTIAL,
+    Guess,
+    Judge,
+    arcs,
+    changes,
+    cheapest,
+)
 
 
 @pytest.mark.parametrize(("n_led", "begins"), [(3, ()), (24, ()), (24, (8,)), (50, ())])
@@ -29,6 +40,7 @@ def test_small_changes():
     for wanted in (grown, shrunk, dimmed, alone, freed):
         assert tuple(wanted[:, 0].tolist()) in made
     assert all(0 <= v <= 1 for c in made for v in c)
+    assert abs(len(changes(share)) - N_CHANGE) <= 2
 
 
 def test_the_best_guess_of_each_pixel():
@@ -37,6 +49,34 @@ def test_the_best_guess_of_each_pixel():
     new = guess.better(pixel, np.zeros((2, 4), np.float32), np.arange(4.0)[:, None], cost)
     assert new.cost.tolist() == [5, 3, 5] and new.theta[:, 0].tolist() == [0, 1, 0]
     assert new.share.tolist() == [[1, 0, 1], [1, 0, 1]] and (guess.share == 1).all()
+
+
+def test_the_cheapest_guesses_of_each_pixel():
+    pixel, cost = np.array([4, 1, 4, 4, 1]), np.array([3.0, 5.0, 1.0, 2.0, 4.0])
+    assert cheapest(pixel, cost, 1).tolist() == [2, 4]
+    assert cheapest(pixel, cost, 2).tolist() == [1, 2, 3, 4]
+    assert cheapest(pixel[:0], cost[:0], 2).tolist() == []
+
+
+def test_a_race_fits_well_what_is_cheap_soon(monkeypatch):
+    """Guesses are fitted from where they started; a prior counts, too."""
+    cost = {0: 1.0, 1: 9.0, 2: 2.0}
+
+    def fit(self, pixel, share, theta, descents, terms):
+        assert (terms == ALL_TERMS) == (len(pixel) == 2)
+        return theta + 1, np.array([cost[int(t)] for t in theta[:, 0]])
+
+    monkeypatch.setattr(Judge, "_fit", fit)
+    judge, share = Judge(None, None, None, np.arange(3)), np.ones((3, 3), np.float32)
+    start = np.arange(3.0)[:, None]
+    pixel, kept, theta, found = judge.race(np.full(3, 7), share, start, ((None, 4),), 2)
+    assert pixel.tolist() == [7, 7] and kept.shape == (3, 2)
+    assert theta[:, 0].tolist() == [1, 3] and found.tolist() == [1, 2]
+    hidden = share.copy()
+    hidden[0, 0] = 0
+    assert judge.race(np.full(3, 7), hidden, start, ((None, 4),), 2)[2][:, 0].tolist() == [1, 3]
+    cost[1] = 3.0
+    assert judge.race(np.full(3, 7), hidden, start, ((None, 4),), 2)[2][:, 0].tolist() == [2, 3]
 
 
 def test_what_departures_cost():

@@ -125,9 +125,9 @@ def test_nothing_is_found_where_nothing_hides(monkeypatch):
 
 
 def test_few_pixels_teach_the_others(shadowed, seen, monkeypatch):
-    """Arcs are tried in a tenth of the pixels."""
+    """Arcs are tried in some of the pixels."""
     problem, solution, truth, quarter = shadowed
-    monkeypatch.setattr(visibility, "MOST_SEARCHED", 10)
+    monkeypatch.setattr(visibility, "ENOUGH", 10)
     found = find_visibility(problem, solution, everything(problem))
     lit = is_lit(truth)
     assert np.mean((found.share < 0.5) == (seen.share < 0.5), where=lit) > 0.98
