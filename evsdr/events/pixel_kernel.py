@@ -105,6 +105,14 @@ def gather(todo, start, count, t_us, polarity, pixel_out, polarity_out, t_us_out
                 pixel_out[n], t_us_out[n], polarity_out[n] = todo[i], t_us[i, k], polarity[i, k]
 
 
+@njit(cache=True)
+def _when(piece, model):
+    """Give slot, whether it fades, start and duration of a piece of it, of which light is still in the first."""
+    k, fading = divmod(piece, 2)
+    duration = model.slot_us * (model.crossfade if fading else 1 - model.crossfade)
+    return k, fading, k * model.slot_us + fading * (model.slot_us - duration), duration
+
+
 @njit(cache=True, error_model="numpy")
 def _run_bare_pixel(light, threshold_on, threshold_off, state, model, t_us, polarity):
     """Run one pixel with v = log I and no leak, while LEDs rise at once; give its number of events.
@@ -116,11 +124,9 @@ def _run_bare_pixel(light, threshold_on, threshold_off, state, model, t_us, pola
     state, _ = draw_normal(state)  # thresholds are those of a pixel with a leak
     reference, waiting, ready = 0.0, True, 0.0
     for piece in range(2 * n_slot * model.n_round):
-        k, fading = divmod(piece, 2)
-        duration = model.slot_us * (model.crossfade if fading else 1 - model.crossfade)
+        k, fading, t_piece, duration = _when(piece, model)
         if duration <= 0:
             continue
-        t_piece = k * model.slot_us + fading * (model.slot_us - duration)
         k %= n_slot
         slope = (light[k + fading] - light[k]) / duration
         x, v, v_end = 0.0, logs[k], logs[k + fading]
@@ -165,11 +171,9 @@ def _run_pixel(light, threshold_on, threshold_off, leak, state, model, t_us, pol
     waiting, ready = True, 0.0  # for the end of the refractory period
 
     for piece in range(2 * n_slot * model.n_round):
-        k, fading = divmod(piece, 2)
-        duration = model.slot_us * (model.crossfade if fading else 1 - model.crossfade)
+        k, fading, t_piece, duration = _when(piece, model)
         if duration <= 0:
             continue
-        t_piece = k * model.slot_us + fading * (model.slot_us - duration)
         begin, end = light[k % n_slot], light[k % n_slot + fading]
         slope = (end - begin) / duration
         lag = slope * model.led_rise_us

@@ -31,10 +31,10 @@ N_MOST = 48  # events of a pixel that count
 # Suspects, from the worst to the best, that tell whether it is worth a search, and places where arcs begin in them
 N_PROBED, PROBED_BEGIN = 200, 8
 LEAST_EXPLAINED = 0.3  # share of their misfit that must go; measured: up to 0.22 where nothing new is hidden, above 0.4 else
-ENOUGH = 1500  # pixels that try all arcs, and up to four times as many; others learn from these
+ENOUGH = 1500  # pixels that try all arcs, and up to four times as many; others learn from these; guessed
 N_ROUND = 4  # of small changes
 # Guesses of a pixel, of arcs and of changes, that are fitted well. Measured: of all 121 arcs 12 do as well; 12 of the changes in place
-# of all 47 cost a blob's shadowed pixels nothing, those of a skull 1 in log likelihood; mean errors of a skull, a goathead, a lion, a
+# of all 47 cost a blob's shadowed pixels nothing, those of a skull 1 to 2 in log likelihood; mean errors of a skull, a goathead, a lion, a
 # relief at 64 pixels 2.63 2.03 5.25 1.19 -> 2.67 2.08 5.41 1.17 degrees, in half the time
 MOST_ARCS, MOST_CHANGES = 12, 12
 SPARE = 1  # LEDs that must be lit beyond the number of unknowns; measured: with one, errors of 28 degrees, with two or more of 8
