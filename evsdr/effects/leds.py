@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from evsdr.effects.world import World
 
 
-CLEAR = 0.01  # of a logarithm, root mean square; measured: powers told right are found up to 0.005 off
+CLEAR = 3.0  # standard deviations, root mean square of all LEDs, from which powers are others than told
 
 
 class LedPowers(SharedEffect):
@@ -22,7 +22,8 @@ class LedPowers(SharedEffect):
 
     def is_clear(self, found: SharedFound) -> bool:
         """Look at all differences together."""
-        return float(np.sqrt(np.mean(found.inferred.rig.log_power**2))) > CLEAR
+        off, sigma = found.inferred.rig.log_power, found.inferred.sigma.log_power
+        return bool(np.sum(off**2) > CLEAR**2 * np.sum(sigma**2))
 
     def say(self, found: SharedFound) -> str:
         """Give the largest difference."""

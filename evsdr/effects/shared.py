@@ -151,7 +151,7 @@ def _lags(found: Inferred, world: "World") -> bool:
 
 def _from(found: Inferred) -> Start:
     """Start again with what was found."""
-    return Start(found.theta, found.rig, found.spread, found.scatter)
+    return Start(found.theta, found.rig, found.spread, found.scatter, found.departs)
 
 
 def _told(world: "World", pixels: Pixels) -> Rig:

@@ -43,7 +43,7 @@ class Inferred:
     ----------
     rig, sigma : Rig
         Values, and their standard deviations, see `robust`.
-    theta, spread, scatter
+    theta, spread, scatter, departs
         See `Start`.
     turn_deg : dict of str to float
         By which mean angle the normals of these pixels turn because of each of `rig.GROUPS`.
@@ -69,6 +69,7 @@ class Inferred:
     theta: np.ndarray
     spread: np.ndarray
     scatter: float
+    departs: float
     turn_deg: dict
     wanted: dict
     moved_deg: float
@@ -113,7 +114,8 @@ def infer(
     posterior, point, n_step = _settle(posterior, point, tolerance)
     ended = (point.free == 0) & (posterior.centre > 0)
     if ended.any():  # from one end of its range a search may not come back
-        again = posterior.at(point.theta, np.where(ended, posterior.centre, point.free))
+        free = np.where(ended, posterior.centre, point.free)
+        again = posterior.at(point.theta, free, departure=point.departures.value)
         other, new, more = _settle(posterior, again, tolerance)
         n_step += more
         if _cost(other, new) < _cost(posterior, point):
@@ -135,6 +137,7 @@ def infer(
         point.theta,
         posterior.spread,
         posterior.scatter,
+        posterior.departs,
         turn,
         {name: posterior.wanted(point, tolerance, name) for name in left},
         turn_deg(point.theta, response @ (point.free - begin)),
@@ -193,7 +196,7 @@ def _settle(posterior: Posterior, point: Point, tolerance: Told) -> tuple[Poster
     """Make rounds of steps, and learn between them; gives the steps made, too. A lag that is none ends them."""
     damped, n_step, no_lag = Damping(np.full(len(point.theta), FIRST_DAMPING)), 0, False
     for _ in range(N_ROUND):
-        point, damped, length, made = _descend(posterior, posterior.at(point.theta, point.free), damped)
+        point, damped, length, made = _descend(posterior, posterior.again(point), damped)
         before, posterior, n_step = posterior.scatter, posterior.learnt(point), n_step + made
         had_none, no_lag = no_lag, posterior.lacks_lag(point)
         if no_lag:
@@ -205,7 +208,7 @@ def _settle(posterior: Posterior, point: Point, tolerance: Told) -> tuple[Poster
 
 def _cost(posterior: Posterior, point: Point) -> float:
     """Give what all pixels cost under what was learnt last, with what is told of what they share."""
-    cost = posterior.at(point.theta, point.free).cost.sum()
+    cost = posterior.again(point).cost.sum()
     return float(cost + 0.5 * np.sum(((point.free - posterior.centre) / posterior.sigma) ** 2))
 
 
@@ -228,6 +231,7 @@ def _posterior(pixels: Pixels, start: Start, told: Rig, tolerance: Told, names: 
         spread=np.asarray(start.spread, float),
         weigh=np.zeros(pixels.n_event),
         heard=np.ones(len(start.theta), bool),
+        departs=start.departs,
     )
 
 

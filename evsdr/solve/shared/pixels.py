@@ -216,6 +216,7 @@ class Pixels:
         some: np.ndarray | None = None,
         stirred: tuple[str, ...] = tuple(STEPS),
         kind: np.ndarray | None = None,
+        departure: np.ndarray | None = None,
     ) -> tuple:
         """Sum cost, gradient and information of each pixel, see `kernel.pixel_sums`.
 
@@ -230,7 +231,10 @@ class Pixels:
             See `kernel.pixel_sums`.
         stirred : tuple of str
             Of `STEPS`: those by which derivatives are wanted.
+        departure : (n_pixel, n_led) float
+            By how much pixels see LEDs brighter than the model has them, of the logarithm; 0 by default.
         """
+        departure = np.zeros((len(theta), self.light.n_led)) if departure is None else departure
         light, n_map = self.light, 2 + self.light.n_band
         gains, maps = theta[:, n_map:] if own_thresholds else rig.log_threshold, theta[:, :n_map]
         return pixel_sums(
@@ -238,7 +242,7 @@ class Pixels:
             self.leds,
             np.array(light.band),
             float(light.constant_light[0]),
-            self.signals(maps, rig),
+            self.signals(maps, rig) * np.exp(departure)[:, None],
             self.tilts(maps, rig) if tilted else np.zeros((len(theta), light.n_led, 0)),
             self.threshold * np.exp(gains),
             own_thresholds,

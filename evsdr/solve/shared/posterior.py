@@ -11,6 +11,7 @@ from scipy.optimize import lsq_linear
 
 from evsdr.solve.law import MEDIAN_OF_SQUARE, gaussian_share, variance_of
 from evsdr.solve.noise import NOISE_RANGE
+from evsdr.solve.shared.departures import FIRST, Departures, eliminated
 from evsdr.solve.shared.kernel import ON, Terms
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.rig import N_TIMING, NOT_NEGATIVE, Basis, Rig, Told
@@ -46,12 +47,15 @@ class Start:
         Standard deviation of these logarithms over the pixels.
     scatter : float
         Standard deviation of the relative residual.
+    departs : float
+        That of departures, see `departures`.
     """
 
     theta: np.ndarray
     rig: Rig
     spread: np.ndarray
     scatter: float
+    departs: float = FIRST
 
 
 @dataclass(frozen=True)
@@ -64,8 +68,10 @@ class Point:
     free : (n_free,)
         What is shared, along the basis.
     cost, gradient, matrix
-        Of each pixel, see `kernel.pixel_sums`, priors included.
+        Of each pixel, see `kernel.pixel_sums`, priors included, departures eliminated.
     residual, variance : (n_event,)
+    departures : Departures
+        Of what each pixel sees of the LEDs from its model.
     """
 
     theta: np.ndarray
@@ -75,6 +81,7 @@ class Point:
     matrix: np.ndarray
     residual: np.ndarray
     variance: np.ndarray
+    departures: Departures
 
 
 @dataclass(frozen=True)
@@ -99,6 +106,8 @@ class Posterior:
         See `kernel.pixel_sums`.
     heard : (n_pixel,) bool
         Pixels that tell what is shared; the others, whose events don't agree with it, only follow.
+    departs : float
+        Standard deviation of departures.
     """
 
     pixels: Pixels
@@ -114,6 +123,7 @@ class Posterior:
     spread: np.ndarray
     weigh: np.ndarray
     heard: np.ndarray
+    departs: float
 
     @property
     def n_map(self) -> int:
@@ -128,9 +138,20 @@ class Posterior:
         """The basis, in the border's columns."""
         return self.basis.vectors if self.tilted else self.basis.vectors[: self.pixels.light.n_led + N_TIMING]
 
-    def at(self, theta: np.ndarray, free: np.ndarray, some: np.ndarray | None = None) -> Point:
-        """Evaluate it, or only that of some pixels, (n,) int."""
-        return self._with_priors(Point(theta, free, *self._sums(theta, free, some)), self.rig(free))
+    def at(
+        self,
+        theta: np.ndarray,
+        free: np.ndarray,
+        some: np.ndarray | None = None,
+        departure: np.ndarray | None = None,
+    ) -> Point:
+        """Evaluate it, or only that of some pixels, (n,) int; departures (n_pixel, n_led) are 0 by default."""
+        departure = np.zeros((len(theta), self.pixels.light.n_led)) if departure is None else departure
+        return self._point(theta, free, departure, *self._sums(theta, free, departure, some))[0]
+
+    def again(self, point: Point) -> Point:
+        """Evaluate it once more, after something was learnt."""
+        return self.at(point.theta, point.free, departure=point.departures.value)
 
     def by_kind(self, point: Point, kind: np.ndarray) -> tuple[Point, np.ndarray]:
         """Evaluate it again, and give the slopes of each kind of event, too.
@@ -145,35 +166,45 @@ class Posterior:
         slope : (n_pixel, n_kind, n + m)
             Of the cost, without priors, see `kernel.pixel_sums`.
         """
-        cost, slope, *rest = self._sums(point.theta, point.free, kind=kind)
-        new = Point(point.theta, point.free, cost, slope.sum(axis=1), *rest)
-        return self._with_priors(new, self.rig(point.free)), slope
+        departure = point.departures.value
+        cost, slope, *rest = self._sums(point.theta, point.free, departure, kind=kind)
+        return self._point(point.theta, point.free, departure, cost, slope, *rest)
 
-    def _sums(self, theta, free, some=None, kind=None) -> tuple:
+    def _sums(self, theta, free, departure, some=None, kind=None) -> tuple:
         """See `kernel.pixel_sums`."""
         terms = Terms(self.pixels.crossfade, self.scatter, ROBUST, SLOPE_TERM, self.pixels.clock)
         given = self.own_thresholds, self.tilted, terms, self.weigh, some, self.stirred
-        return self.pixels.sums(theta, self.rig(free), *given, kind)
+        return self.pixels.sums(theta, self.rig(free), *given, kind, departure)
 
-    def _with_priors(self, point: Point, rig: Rig) -> Point:
+    def _point(
+        self, theta, free, departure, cost, slope, matrix, residual, variance
+    ) -> tuple[Point, np.ndarray]:
+        """Add priors, and eliminate departures; gives slopes of kinds without them, too."""
+        gradient = slope.sum(axis=1) if slope.ndim == 3 else slope
+        cost, gradient, matrix = self._with_priors(theta, self.rig(free), cost, gradient, matrix)
+        *sums, slope, departures = eliminated(
+            departure, self.departs, theta.shape[1], cost, gradient, matrix, slope
+        )
+        return Point(theta, free, *sums, residual, variance, departures), slope
+
+    def _with_priors(self, theta, rig: Rig, cost, gradient, matrix) -> tuple:
         """Add the weak priors of the maps, and the distribution of thresholds over the pixels."""
-        n_map, n = self.n_map, point.theta.shape[1]
-        cost, gradient, matrix = point.cost, point.gradient, point.matrix
+        n_map, n = self.n_map, theta.shape[1]
         centre, precision = weak_prior(n_map - 2)
         precision = precision / min(len(self.heard), TIED)
-        off = point.theta[:, :n_map] - centre
+        off = theta[:, :n_map] - centre
         cost += 0.5 * np.einsum("ni,ij,nj->n", off, precision, off)
         gradient[:, :n_map] += off @ precision
         matrix[:, :n_map, :n_map] += precision
         if self.own_thresholds:
-            off = (point.theta[:, n_map:] - rig.log_threshold) / self.spread
+            off = (theta[:, n_map:] - rig.log_threshold) / self.spread
             cost += 0.5 * np.sum(off**2, axis=1)
             gradient[:, n_map:n] += off / self.spread
             for k, precision in enumerate(self.spread**-2):
                 both = np.array([n_map + k, n + self.pixels.light.n_led + ON + k])
                 gradient[:, both[1]] -= off[:, k] / self.spread[k]
                 matrix[:, both[:, None], both] += precision * np.array([[1, -1], [-1, 1]])
-        return point
+        return cost, gradient, matrix
 
     def solve(self, point: Point, damping=0.0, stiffness: float = 0.0) -> tuple:
         """Eliminate the maps.
@@ -255,12 +286,18 @@ class Posterior:
         theta = point.theta + np.clip(rest + response @ step, -longest, longest)
         theta[:, :2] = np.clip(theta[:, :2], -LARGEST_SLOPE, LARGEST_SLOPE)
         theta[:, 2:] = np.clip(theta[:, 2:], *LOG_REFLECTANCE_RANGE)
-        return self.at(theta, self.bounded(point.free + step))
+        free = self.bounded(point.free + step)
+        departure = point.departures.after(theta - point.theta, self.vectors @ (free - point.free))
+        return self.at(theta, free, departure=departure)
 
     def kept(self, old: Point, new: Point, worse: np.ndarray) -> Point:
         """Leave the maps of some pixels, (n_pixel,) bool, as they were; what is shared moves anyway."""
-        some = np.flatnonzero(worse)
-        stayed = self.at(np.where(worse[:, None], old.theta, new.theta), new.free, some)
+        some, both = (
+            np.flatnonzero(worse),
+            ((old.theta, new.theta), (old.departures.value, new.departures.value)),
+        )
+        theta, departure = (np.where(worse[:, None], *of) for of in both)
+        stayed = self.at(theta, new.free, some, departure)
         of_event = np.repeat(worse, np.diff(self.pixels.events[0]))
 
         def choose(name, which):
@@ -268,9 +305,9 @@ class Posterior:
             return np.where(which.reshape(-1, *[1] * (a.ndim - 1)), b, a)
 
         of_pixels = {name: choose(name, worse) for name in ("theta", "cost", "gradient", "matrix")}
-        return replace(
-            new, **of_pixels, **{name: choose(name, of_event) for name in ("residual", "variance")}
-        )
+        of_events = {name: choose(name, of_event) for name in ("residual", "variance")}
+        departures = new.departures.where(worse, stayed.departures)
+        return replace(new, **of_pixels, **of_events, departures=departures)
 
     def risen(self, old: Point, new: Point) -> float:
         """Give the mean cost that pixels lost, each counted up to `SLACK`."""
@@ -291,7 +328,11 @@ class Posterior:
             square = most + np.median(left, axis=0)
             spread = np.sqrt(np.clip(square, SMALLEST_SPREAD**2, LARGEST_VARIANCE))
         heard = agreeing(point.residual, point.variance, self.pixels.events[0], scatter)
-        new = replace(self, scatter=float(scatter), spread=spread, weigh=point.variance, heard=heard)
+        departs = point.departures.learnt(point.matrix, point.theta.shape[1], heard, self.departs)
+        learnt = dict(
+            scatter=float(scatter), spread=spread, weigh=point.variance, heard=heard, departs=departs
+        )
+        new = replace(self, **learnt)
         return replace(new, sigma=new.learnt_sigma(point))
 
     def learnt_sigma(self, point: Point) -> np.ndarray:

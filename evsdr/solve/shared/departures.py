@@ -1,0 +1,102 @@
+"""What each pixel sees of each LED otherwise than its model says: small shadows, several surfaces in one pixel, light by other ways.
+
+Such departures are no noise, but the same at each event under an LED; left out, they pass for LEDs of other powers, late
+events, and a lag of another length. Each is an unknown of its own, log A_xj + d_xj, normally distributed about 0; how widely, the
+events tell. They are eliminated pixel by pixel, so that what is left has the form it had without.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FIRST = 0.02  # standard deviation to start from; guessed
+LEAST, MOST = 1e-3, 0.3  # of what is learnt of it; guessed
+LARGEST = 1.0  # of a departure
+ROUNDING = (
+    1e-10  # of the largest that is known, what is known of each at least, or float64 could not invert it
+)
+
+
+@dataclass(frozen=True)
+class Departures:
+    """Departures of some pixels.
+
+    Attributes
+    ----------
+    value : (n_pixel, n_led) float64
+        Where costs stand.
+    follow : (n_pixel, n_led, n + m) float64
+        How the best ones fall with the n maps of a pixel and the m shared unknowns.
+    rest : (n_pixel, n_led) float64
+        How far they fall if nothing else moves.
+    left : (n_pixel, n_led) float64
+        Their variance if all else is known.
+    """
+
+    value: np.ndarray
+    follow: np.ndarray
+    rest: np.ndarray
+    left: np.ndarray
+
+    def after(self, theta: np.ndarray, shared: np.ndarray) -> np.ndarray:
+        """Give them after maps moved by (n_pixel, n), and what is shared by (m,)."""
+        n = theta.shape[1]
+        fallen = (
+            self.rest + np.einsum("xjn,xn->xj", self.follow[:, :, :n], theta) + self.follow[:, :, n:] @ shared
+        )
+        return np.clip(self.value - fallen, -LARGEST, LARGEST)
+
+    def where(self, some: np.ndarray, other: "Departures") -> "Departures":
+        """Take those of some pixels (n_pixel,) bool from others."""
+        names = "value", "follow", "rest", "left"
+        pairs = ((getattr(other, name), getattr(self, name)) for name in names)
+        return Departures(*(np.where(some.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
+
+    def learnt(self, matrix: np.ndarray, n: int, heard: np.ndarray, before: float) -> float:
+        """Learn their standard deviation by its evidence (MacKay 1992, Neural Comput. 4(3), eq. 4.12), from pixels that are heard.
+
+        `matrix` (n_pixel, n + m, n + m) is that of `eliminated`, `n` the number of maps.
+        """
+        follow = self.follow[heard][:, :, :n]
+        of_maps = np.linalg.inv(matrix[heard][:, :n, :n])
+        left = self.left[heard] + np.einsum("xja,xab,xjb->xj", follow, of_maps, follow, optimize=True)
+        told = np.sum(1 - left / before**2)
+        variance = (np.sum(self.value[heard] ** 2) + FIRST**2) / (max(told, 0) + 1)
+        return float(np.clip(np.sqrt(variance), LEAST, MOST))
+
+
+def eliminated(value, sigma, n, cost, gradient, matrix, slope) -> tuple:
+    """Eliminate departures from sums over the events of pixels.
+
+    Parameters
+    ----------
+    value : (n_pixel, n_led) float
+    sigma : float
+        Standard deviation of their distribution.
+    n : int
+        Number of the unknowns of a pixel; those of the LEDs' log powers follow.
+    cost, gradient, matrix
+        Of the sums, priors of all else included.
+    slope : (n_pixel, [n_kind,] n + m)
+        Of kinds of events, or of all.
+
+    Returns
+    -------
+    cost, gradient, matrix, slope
+        Where departures are best for all else.
+    departures : Departures
+    """
+    n_led = value.shape[1]
+    led = slice(n, n + n_led)
+    own = matrix[:, led, led] + np.eye(n_led) / sigma**2
+    largest = np.einsum("xii->xi", own).max(axis=1)
+    own += ROUNDING * largest[:, None, None] * np.eye(n_led)
+    pull = gradient[:, led] + value / sigma**2
+    inverse = np.linalg.inv(own)
+    follow, rest = inverse @ matrix[:, led], np.einsum("xij,xj->xi", inverse, pull)
+    across = matrix[:, :, led]
+    cost = cost + 0.5 * np.sum(value**2, axis=1) / sigma**2 - 0.5 * np.sum(pull * rest, axis=1)
+    gradient = gradient - np.einsum("xaj,xj->xa", across, rest)
+    slope = slope - np.einsum("x...j,xja->x...a", slope[..., led], follow, optimize=True)
+    departures = Departures(value, follow, rest, np.einsum("xii->xi", inverse))
+    return cost, gradient, matrix - across @ follow, slope, departures
