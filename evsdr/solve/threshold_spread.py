@@ -100,7 +100,8 @@ def _variance(off: np.ndarray, posterior: np.ndarray, sigma: np.ndarray, least: 
     alone = 1 / np.maximum(1 / posterior - sigma**-2.0, LEAST_INFORMATION)
     off = off * alone / posterior
     weight = 1 / (alone + sigma**2)
-    weight *= np.abs(off - np.median(off, axis=0)) < 3 / np.sqrt(weight)
+    near = np.abs(off - np.median(off, axis=0)) < 3 / np.sqrt(weight)
+    weight *= near | ~near.any(axis=0)  # two camps have none near the middle
     square = (off - np.average(off, axis=0, weights=weight)) ** 2
     low, high = np.full((2, 2), [[least**2], [LARGEST_VARIANCE]])
     for _ in range(N_HALVED):

@@ -46,6 +46,14 @@ def test_pixels_that_know_little_don_t_hide_the_spread(rng):
     assert found[2:] == pytest.approx([0.1] * 2, abs=0.01)
 
 
+def test_two_camps_have_a_spread(rng):
+    """As under a wrong reading of the events: no pixel lies near the middle."""
+    camp = np.where(np.arange(N) % 2, 1.3, -1.3)[:, None] * [1, -1]
+    theta, gradient, matrix = pixels(rng, camp, 0.01, 0.03)
+    found = [float(v[0]) for v in learn_spread(theta, gradient, matrix, first_spread(mi.Float))]
+    assert np.isfinite(found).all() and min(found[2:]) > 0.3
+
+
 def test_outliers_don_t_count(rng):
     theta, gradient, matrix = pixels(rng, [0.0, 0.0], 0.02, 0.02)
     values = theta[2].numpy().copy()
