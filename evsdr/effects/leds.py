@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     from evsdr.effects.world import World
 
 
-CLEAR = 3.0  # standard deviations, root mean square of all LEDs, from which powers are others than told
+CLEAR = (
+    2.0  # standard deviations, root mean square of all LEDs, from which powers are others than told; guessed
+)
 
 
 class LedPowers(SharedEffect):

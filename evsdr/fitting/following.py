@@ -23,10 +23,18 @@ MOST = 3.0  # standard deviations by which one residual may have moved; guessed
 
 
 def follow(world: World, fitted: Fitted, solve: Decoder, progress: Progress) -> Fitted:
-    """Fit again until photoreceptors show no other light under the maps found than under those before."""
+    """Fit again until photoreceptors show no other light under the maps found than under those before.
+
+    A few pixels in wrong minima may go to and fro for ever: turns end where residuals no longer come to rest, too, but for light
+    that follows the fit, such as shadows that events tell, as that is found better in each.
+    """
+    before = np.inf
     for turn in range(MOST_TURNS):
-        if moves(world, fitted) < STILL or progress("light that photoreceptors show", turn / MOST_TURNS):
+        moved = moves(world, fitted)
+        ended = moved < STILL or (moved >= before and not world.light_follows_fit)
+        if ended or progress("light that photoreceptors show", turn / MOST_TURNS):
             break
+        before = moved
         fitted = solve(world.problem(fitted), fitted, "again", progress)
     return fitted
 

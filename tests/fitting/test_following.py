@@ -37,11 +37,21 @@ def test_nothing_moves_without_a_lag():
     assert following.moves(SimpleNamespace(lag=None), None) == 0
 
 
-@pytest.mark.parametrize(("moved", "turns"), [((0.05,), 0), ((0.5, 0.2, 0.05), 2), ((1.0,) * 20, 8)])
-def test_fits_follow_until_residuals_are_still(monkeypatch, moved, turns):
+@pytest.mark.parametrize(
+    ("moved", "light_follows_fit", "turns"),
+    [
+        ((0.05,), False, 0),
+        ((0.5, 0.2, 0.05), False, 2),
+        ((0.3, 0.2, 0.2, 0.05), False, 2),  # a few pixels go to and fro
+        ((0.3, 0.2, 0.2, 0.05), True, 3),
+        ((1.0,) * 20, True, 8),
+        (tuple(np.linspace(2, 1, 20)), False, 8),
+    ],
+)
+def test_fits_follow_until_residuals_are_still(monkeypatch, moved, light_follows_fit, turns):
     left = iter(moved)
     monkeypatch.setattr(following, "moves", lambda world, fitted: next(left))
-    world = SimpleNamespace(problem=lambda fitted: fitted)
+    world = SimpleNamespace(problem=lambda fitted: fitted, light_follows_fit=light_follows_fit)
 
     def solve(problem, before, purpose, progress):
         assert purpose == "again" and problem is before
@@ -52,4 +62,5 @@ def test_fits_follow_until_residuals_are_still(monkeypatch, moved, turns):
 
 def test_who_stops_gets_the_best_so_far(monkeypatch):
     monkeypatch.setattr(following, "moves", lambda *_: 1.0)
-    assert following.follow(SimpleNamespace(), 7, None, lambda *_: True) == 7
+    world = SimpleNamespace(light_follows_fit=False)
+    assert following.follow(world, 7, None, lambda *_: True) == 7

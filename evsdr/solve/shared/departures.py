@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 FIRST = 0.02  # standard deviation to start from; guessed
-LEAST, MOST = 1e-3, 0.3  # of what is learnt of it; guessed
+LEAST, MOST = 1e-3, 0.1  # of what is learnt of it; guessed
 LARGEST = 1.0  # of a departure
 ROUNDING = (
     1e-10  # of the largest that is known, what is known of each at least, or float64 could not invert it
