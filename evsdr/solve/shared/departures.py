@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 FIRST = 0.02  # standard deviation to start from; guessed
-LEAST, MOST = 1e-3, 0.1  # of what is learnt of it; guessed
+# Of what is learnt of it; guessed. Measured: with 0.3 and 0.08 at most a white lion (`experiments.draws`, 41) comes out at 11.1 and 10.4
+# degrees, a glossy goathead (45) at 4.6 and 4.8
+LEAST, MOST = 1e-3, 0.1
 LARGEST = 1.0  # of a departure
-ROUNDING = (
-    1e-10  # of the largest that is known, what is known of each at least, or float64 could not invert it
-)
+ROUNDING = 1e-10  # of what is known best, what is known of each at least: float64 could not invert it
 
 
 @dataclass(frozen=True)

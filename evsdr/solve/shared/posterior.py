@@ -292,12 +292,9 @@ class Posterior:
 
     def kept(self, old: Point, new: Point, worse: np.ndarray) -> Point:
         """Leave the maps of some pixels, (n_pixel,) bool, as they were; what is shared moves anyway."""
-        some, both = (
-            np.flatnonzero(worse),
-            ((old.theta, new.theta), (old.departures.value, new.departures.value)),
-        )
+        both = (old.theta, new.theta), (old.departures.value, new.departures.value)
         theta, departure = (np.where(worse[:, None], *of) for of in both)
-        stayed = self.at(theta, new.free, some, departure)
+        stayed = self.at(theta, new.free, np.flatnonzero(worse), departure)
         of_event = np.repeat(worse, np.diff(self.pixels.events[0]))
 
         def choose(name, which):
@@ -329,10 +326,8 @@ class Posterior:
             spread = np.sqrt(np.clip(square, SMALLEST_SPREAD**2, LARGEST_VARIANCE))
         heard = agreeing(point.residual, point.variance, self.pixels.events[0], scatter)
         departs = point.departures.learnt(point.matrix, point.theta.shape[1], heard, self.departs)
-        learnt = dict(
-            scatter=float(scatter), spread=spread, weigh=point.variance, heard=heard, departs=departs
-        )
-        new = replace(self, **learnt)
+        new = replace(self, scatter=float(scatter), spread=spread, weigh=point.variance, heard=heard)
+        new = replace(new, departs=departs)
         return replace(new, sigma=new.learnt_sigma(point))
 
     def learnt_sigma(self, point: Point) -> np.ndarray:
