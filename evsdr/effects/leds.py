@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from evsdr.effects.world import World
 
 
-CLEAR = (
-    2.0  # standard deviations, root mean square of all LEDs, from which powers are others than told; guessed
-)
+# Standard deviations, root mean square of all LEDs, from which powers are others than told; guessed. Measured: with 3 a glossy goathead under
+# powers 10 % off (`experiments.draws`, 45) comes out at 8.9 degrees, with 2 at 4.6
+CLEAR = 2.0
 
 
 class LedPowers(SharedEffect):

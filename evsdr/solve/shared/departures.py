@@ -46,6 +46,11 @@ class Departures:
         )
         return np.clip(self.value - fallen, -LARGEST, LARGEST)
 
+    def followed(self, slope: np.ndarray, n: int) -> np.ndarray:
+        """Give slopes (n_pixel, n_kind, n + m) of kinds of events where departures follow all else."""
+        led = slice(n, n + self.value.shape[1])
+        return slope - slope[:, :, led] @ self.follow
+
     def where(self, some: np.ndarray, other: "Departures") -> "Departures":
         """Take those of some pixels (n_pixel,) bool from others."""
         names = "value", "follow", "rest", "left"
@@ -65,7 +70,7 @@ class Departures:
         return float(np.clip(np.sqrt(variance), LEAST, MOST))
 
 
-def eliminated(value, sigma, n, cost, gradient, matrix, slope) -> tuple:
+def eliminated(value, sigma, n, cost, gradient, matrix) -> tuple:
     """Eliminate departures from sums over the events of pixels.
 
     Parameters
@@ -77,12 +82,10 @@ def eliminated(value, sigma, n, cost, gradient, matrix, slope) -> tuple:
         Number of the unknowns of a pixel; those of the LEDs' log powers follow.
     cost, gradient, matrix
         Of the sums, priors of all else included.
-    slope : (n_pixel, [n_kind,] n + m)
-        Of kinds of events, or of all.
 
     Returns
     -------
-    cost, gradient, matrix, slope
+    cost, gradient, matrix
         Where departures are best for all else.
     departures : Departures
     """
@@ -97,6 +100,5 @@ def eliminated(value, sigma, n, cost, gradient, matrix, slope) -> tuple:
     across = matrix[:, :, led]
     cost = cost + 0.5 * np.sum(value**2, axis=1) / sigma**2 - 0.5 * np.sum(pull * rest, axis=1)
     gradient = gradient - np.einsum("xaj,xj->xa", across, rest)
-    slope = slope - np.einsum("x...j,xja->x...a", slope[..., led], follow, optimize=True)
     departures = Departures(value, follow, rest, np.einsum("xii->xi", inverse))
-    return cost, gradient, matrix - across @ follow, slope, departures
+    return cost, gradient, matrix - across @ follow, departures

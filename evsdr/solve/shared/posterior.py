@@ -147,7 +147,7 @@ class Posterior:
     ) -> Point:
         """Evaluate it, or only that of some pixels, (n,) int; departures (n_pixel, n_led) are 0 by default."""
         departure = np.zeros((len(theta), self.pixels.light.n_led)) if departure is None else departure
-        return self._point(theta, free, departure, *self._sums(theta, free, departure, some))[0]
+        return self._point(theta, free, departure, *self._sums(theta, free, departure, some))
 
     def again(self, point: Point) -> Point:
         """Evaluate it once more, after something was learnt."""
@@ -164,11 +164,12 @@ class Posterior:
         -------
         point : Point
         slope : (n_pixel, n_kind, n + m)
-            Of the cost, without priors, see `kernel.pixel_sums`.
+            Of the cost, without priors, see `kernel.pixel_sums`; departures follow.
         """
         departure = point.departures.value
         cost, slope, *rest = self._sums(point.theta, point.free, departure, kind=kind)
-        return self._point(point.theta, point.free, departure, cost, slope, *rest)
+        new = self._point(point.theta, point.free, departure, cost, slope.sum(axis=1), *rest)
+        return new, new.departures.followed(slope, point.theta.shape[1])
 
     def _sums(self, theta, free, departure, some=None, kind=None) -> tuple:
         """See `kernel.pixel_sums`."""
@@ -176,16 +177,11 @@ class Posterior:
         given = self.own_thresholds, self.tilted, terms, self.weigh, some, self.stirred
         return self.pixels.sums(theta, self.rig(free), *given, kind, departure)
 
-    def _point(
-        self, theta, free, departure, cost, slope, matrix, residual, variance
-    ) -> tuple[Point, np.ndarray]:
-        """Add priors, and eliminate departures; gives slopes of kinds without them, too."""
-        gradient = slope.sum(axis=1) if slope.ndim == 3 else slope
-        cost, gradient, matrix = self._with_priors(theta, self.rig(free), cost, gradient, matrix)
-        *sums, slope, departures = eliminated(
-            departure, self.departs, theta.shape[1], cost, gradient, matrix, slope
-        )
-        return Point(theta, free, *sums, residual, variance, departures), slope
+    def _point(self, theta, free, departure, cost, gradient, matrix, residual, variance) -> Point:
+        """Add priors, and eliminate departures."""
+        sums = self._with_priors(theta, self.rig(free), cost, gradient, matrix)
+        *sums, departures = eliminated(departure, self.departs, theta.shape[1], *sums)
+        return Point(theta, free, *sums, residual, variance, departures)
 
     def _with_priors(self, theta, rig: Rig, cost, gradient, matrix) -> tuple:
         """Add the weak priors of the maps, and the distribution of thresholds over the pixels."""
@@ -326,8 +322,8 @@ class Posterior:
             spread = np.sqrt(np.clip(square, SMALLEST_SPREAD**2, LARGEST_VARIANCE))
         heard = agreeing(point.residual, point.variance, self.pixels.events[0], scatter)
         departs = point.departures.learnt(point.matrix, point.theta.shape[1], heard, self.departs)
-        new = replace(self, scatter=float(scatter), spread=spread, weigh=point.variance, heard=heard)
-        new = replace(new, departs=departs)
+        learnt = {"scatter": float(scatter), "spread": spread, "heard": heard, "departs": departs}
+        new = replace(self, weigh=point.variance, **learnt)
         return replace(new, sigma=new.learnt_sigma(point))
 
     def learnt_sigma(self, point: Point) -> np.ndarray:

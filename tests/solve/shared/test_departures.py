@@ -45,9 +45,7 @@ def test_what_is_left_is_that_of_the_best_departures(rng):
     value, cost, gradient, matrix = quadratic(rng)
     n, n_led, sigma = 4, value.shape[1], 0.3
     led = np.arange(n, n + n_led)
-    got_cost, got_gradient, got_matrix, _, departures = eliminated(
-        value, sigma, n, cost, gradient, matrix, gradient
-    )
+    got_cost, got_gradient, got_matrix, departures = eliminated(value, sigma, n, cost, gradient, matrix)
 
     def best(x, move):
         """Give the least cost of pixel x where all else moved, and the departures there."""
