@@ -125,12 +125,19 @@ def test_nothing_is_found_where_nothing_hides(monkeypatch):
 
 
 def test_few_pixels_teach_the_others(shadowed, seen, monkeypatch):
-    """Arcs are tried in some of the pixels."""
+    """Arcs are tried in some of the pixels, whose neighbours are as far apart; the probe asks all of these few."""
     problem, solution, truth, quarter = shadowed
+    tried, steps = [], []
+    arcs, neighbours = visibility._try_arcs, visibility._try_neighbours
+    monkeypatch.setattr(visibility, "_try_arcs", lambda *given: tried.append(len(given[2])) or arcs(*given))
+    monkeypatch.setattr(
+        visibility, "_try_neighbours", lambda *given: steps.append(given[3]) or neighbours(*given)
+    )
     monkeypatch.setattr(visibility, "ENOUGH", 10)
     found = find_visibility(problem, solution, everything(problem))
     lit = is_lit(truth)
     assert np.mean((found.share < 0.5) == (seen.share < 0.5), where=lit) > 0.98
+    assert 0 < tried[1] < 0.4 * tried[0] and steps[0] > 1 and steps[-1] == 1
 
 
 def test_a_wrong_trace_is_overruled_and_a_right_one_taken(shadowed):

@@ -67,6 +67,19 @@ def test_what_is_left_is_that_of_the_best_departures(rng):
             np.testing.assert_allclose(after, np.clip(where, -1, 1), atol=1e-9)
 
 
+def test_slopes_of_kinds_are_those_with_departures_that_follow(rng):
+    value, cost, gradient, matrix = quadratic(rng)
+    n, led = 4, np.arange(4, 4 + value.shape[1])
+    departures = eliminated(value, 0.3, n, cost, gradient, matrix)[-1]
+    slope, move = rng.normal(size=(len(value), 2, gradient.shape[1])), rng.normal(size=gradient.shape[1])
+    got = departures.followed(slope, n) @ move
+    for x in range(len(value)):
+        own = matrix[x][np.ix_(led, led)] + np.eye(len(led)) / 0.3**2
+        with_them = move.copy()
+        with_them[led] -= np.linalg.solve(own, matrix[x][led] @ move)
+        np.testing.assert_allclose(got[x], slope[x] @ with_them)
+
+
 def test_the_gradient_is_that_of_the_cost_with_the_best_departures(odd):
     """By finite differences, once departures are the best for these maps."""
     theta = odd.solution.theta[odd.row].astype(float)
