@@ -166,14 +166,13 @@ def _start(world: "World", fitted: "Fitted", told: Rig, row: np.ndarray, dimness
     solution = fitted.solution
     prior = solution.threshold_prior or (0.0, 0.0, 1.0, 1.0)
     theta, spread = solution.all_theta[row].astype(float), np.array(prior[2:])
-    taught = bool(solution.prior_scale)
     if world.found:
-        return replace(_from(world.found.inferred), theta=theta, spread=spread, taught=taught)
+        return replace(_from(world.found.inferred), theta=theta, spread=spread)
     rig = replace(told, log_threshold=np.array(prior[:2]))
     if "lag" in world.terms.shared:
         tau = dimness * FIRST_TAU_US / world.recording.schedule.slot_us
         rig = replace(rig, tau=tau, noise=FIRST_NOISE)
-    return Start(theta, rig, spread, solution.noise, taught=taught)
+    return Start(theta, rig, spread, solution.noise)
 
 
 def _last(decisions: dict[str, Decision]) -> SharedFound | None:

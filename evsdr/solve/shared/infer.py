@@ -17,9 +17,7 @@ from evsdr.solve.unknowns import normal_sigma_deg, to_normal
 
 N_ROUND, N_STEP = 12, 4  # of steps with one scatter, at most; guessed: the last ones hardly move anything
 UNKNOWN = tuple(name for name in NAMES if name != CONSIDERED)
-# Mean loss of that from which a step is refused, of maps by their own events and of those that neighbours told, from which it is known less
-# closely; guessed. Measured of these: a sphere rises by 0.02 to 0.05 in its last steps, however short they are
-RISEN = 0.01, 0.1
+RISEN = 0.01  # mean loss of that from which a step is refused
 SETTLED = (
     0.15  # standard deviations of what is shared, root mean square, by which a step goes when it is the last
 )
@@ -234,7 +232,6 @@ def _posterior(pixels: Pixels, start: Start, told: Rig, tolerance: Told, names: 
         weigh=np.zeros(pixels.n_event),
         heard=np.ones(len(start.theta), bool),
         departs=start.departs,
-        taught=start.taught,
     )
 
 
@@ -264,7 +261,7 @@ def _descend(posterior: Posterior, point: Point, damping: Damping) -> tuple[Poin
         worse = new.cost - point.cost > SLACK
         if worse.any():
             new = posterior.kept(point, new, worse)
-        refused = posterior.risen(point, new) > RISEN[posterior.taught]
+        refused = posterior.risen(point, new) > RISEN
         step = (new.free - point.free) * (1 + damping.shared)  # what must not be negative may have ended at 0
         damping = damping.after(worse, refused)
         length = np.sqrt(step @ complement @ step / max(len(step), 1))
