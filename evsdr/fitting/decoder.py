@@ -39,6 +39,7 @@ RECIPES = {
     "touch": recipes.touch,  # events have changed a little, else the same
     "again": recipes.after_events,  # events have changed a little
     "light": recipes.after_light,  # light has changed
+    "relit": recipes.sketch_after_light,  # light has changed, and events may
     "model": recipes.after_model,  # the surface's model has changed
     "quick": recipes.quick,  # as well as is needed to see where light goes
 }

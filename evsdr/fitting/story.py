@@ -131,10 +131,14 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
         world, changed = decide("together", world, fitted, settings, advance)
         if world.light_follows_fit and not stages.enough:
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
+        anew = world.shadows == "latent" or world.moved
         if changed:
-            fitted = solve(world.problem(fitted), fitted, "light", advance)
-        if world.shadows == "latent" or world.moved:
-            world, fitted = share_anew(told, world, fitted, settings, solve, advance)
+            fitted = solve(world.problem(fitted), fitted, "relit" if anew else "light", advance)
+        if anew:
+            lit = fitted
+            world, fitted = share_anew(told, world, lit, settings, solve, advance)
+            if changed and fitted is lit:
+                fitted = solve(world.problem(lit), lit, "learn", advance)
     matt = fitted
     with stages.stage("residuals") as advance:
         for turn in range(MOST_MODELS):

@@ -84,6 +84,11 @@ def rough_metal(effort: Effort) -> tuple[Stage, ...]:
     return (*search, *descend_and_start(effort), *hear_all(effort), *know(effort))
 
 
+def sketch_after_light(effort: Effort) -> tuple[Stage, ...]:
+    """Go on after the light has changed, on early events only."""
+    return *descend_and_start(effort), *soft_horizon(effort, 3), *know(effort)
+
+
 def after_light(effort: Effort) -> tuple[Stage, ...]:
     """Go on after the light has changed."""
     return (*descend_and_start(effort), *refine(effort))

@@ -193,7 +193,9 @@ def left_open(
     """
     judge, theta = _judge(problem, solution, traced, known), solution.all_theta
     pixel = np.flatnonzero(judge.pairs.counts > 0)
-    guesses = [(pixel, given[:, pixel], theta[pixel]), (pixel, traced[:, pixel], theta[pixel])]
+    guesses = [(pixel, given[:, pixel], theta[pixel])]
+    other = pixel[(given[:, pixel] != traced[:, pixel]).any(axis=0)]
+    guesses.append((other, traced[:, other], theta[other]))
     for place in problem.grid.links.index.values():
         other = place.numpy().astype(np.int64)[pixel]
         differs = (given[:, other] != given[:, pixel]).any(axis=0)
