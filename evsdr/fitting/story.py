@@ -132,13 +132,14 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
         if world.light_follows_fit and not stages.enough:
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
         anew = world.shadows == "latent" or world.moved
+        sketched = changed and anew and world.terms.thorough
         if changed:
-            fitted = solve(world.problem(fitted), fitted, "relit" if anew else "light", advance)
+            fitted = solve(world.problem(fitted), fitted, "relit" if sketched else "light", advance)
         if anew:
-            lit = fitted
-            world, fitted = share_anew(told, world, lit, settings, solve, advance)
-            if changed and fitted is lit:
-                fitted = solve(world.problem(lit), lit, "learn", advance)
+            before = fitted
+            world, fitted = share_anew(told, world, before, settings, solve, advance)
+            if sketched and fitted is before:
+                fitted = solve(world.problem(before), before, "learn", advance)
     matt = fitted
     with stages.stage("residuals") as advance:
         for turn in range(MOST_MODELS):

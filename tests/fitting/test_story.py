@@ -10,6 +10,7 @@ import evsdr
 from evsdr.effects.effect import Decision
 from evsdr.effects.leds import LedPowers
 from evsdr.fitting import story, tiling
+from evsdr.fitting.decoder import Decoder
 from evsdr.fitting.tiles import within
 from evsdr.progress import Seconds
 from evsdr.solve import trial
@@ -120,6 +121,23 @@ def test_what_pixels_share_is_inferred_anew_once_hidden_leds_are_known(given, mo
     asked.clear()
     evsdr.fit(*given, FAST)
     assert asked and not any(shadows == "latent" for _, shadows, *_ in asked)
+
+
+def test_maps_that_were_sketched_after_shadows_hear_all_events_at_last(given, monkeypatch):
+    """Whether or not pixels then share anything else."""
+    purposes, solve = [], Decoder.__call__
+
+    def listened(self, problem, before=None, purpose="whole", *rest):
+        purposes.append(purpose)
+        return solve(self, problem, before, purpose, *rest)
+
+    monkeypatch.setattr(Decoder, "__call__", listened)
+    monkeypatch.setattr(story, "share_anew", lambda told, world, fitted, *rest: (world, fitted))
+    evsdr.fit(*given, evsdr.Settings(shadows="latent"))
+    assert "learn" in purposes[purposes.index("relit") :]
+    purposes.clear()
+    evsdr.fit(*given, replace(FAST, shadows="latent"))
+    assert "relit" not in purposes and "light" in purposes
 
 
 def test_every_effect_is_decided_on_and_reported(given):

@@ -39,8 +39,9 @@ def test_what_shows_how_photoreceptors_lag_hears_early_events_and_no_neighbours(
     assert not any(isinstance(stage, AllPairs) for stage in stages) and stages[-1].priors is None
 
 
-def test_a_sketch_hears_early_events_and_neighbours():
-    stages = recipes.sketch(Effort())
+@pytest.mark.parametrize("recipe", [recipes.sketch, recipes.sketch_after_light])
+def test_a_sketch_hears_early_events_and_neighbours(recipe):
+    stages = recipe(Effort())
     assert not any(isinstance(stage, AllPairs) for stage in stages)
     assert isinstance(stages[-2], PixelNoise) and stages[-1].priors == Effort().priors
 
