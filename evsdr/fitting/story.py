@@ -309,6 +309,8 @@ def share_anew(
     told: World, world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
 ) -> tuple[World, Fitted]:
     """Infer what pixels share once more, now that the light's model is another; `told` is the world before any was inferred."""
+    if not (world.terms.shared and world.terms.thorough):  # what follows would look for hidden LEDs once more
+        return world, fitted
     as_told = {name: getattr(told, name) for name in ("recording", "lag", "leak", "aim", "nearer")}
     before = replace(world, found=None, **as_told)
     seen = replace(fitted, problem=before.problem(fitted))

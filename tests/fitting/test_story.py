@@ -85,7 +85,7 @@ def test_what_pixels_share_is_inferred_anew_under_a_lobe(given, monkeypatch):
         return decide(when, world, *rest)
 
     monkeypatch.setattr(story, "decide", listened)
-    evsdr.fit(*given, replace(FAST, gloss="lobe"))
+    evsdr.fit(*given, evsdr.Settings(gloss="lobe"))
     assert ("alone", True, None, None) in asked  # from what is told, under the lobe
     asked.clear()
     evsdr.fit(*given, FAST)
@@ -116,8 +116,11 @@ def test_what_pixels_share_is_inferred_anew_once_hidden_leds_are_known(given, mo
         return decide(when, world, *rest)
 
     monkeypatch.setattr(story, "decide", listened)
-    evsdr.fit(*given, replace(FAST, shadows="latent"))
+    evsdr.fit(*given, evsdr.Settings(shadows="latent"))
     assert ("alone", "latent", None, None) in asked
+    asked.clear()
+    evsdr.fit(*given, replace(FAST, shadows="latent"))  # which infers nothing, and looks for hidden LEDs no more than it must
+    assert not any(when == "alone" and shadows == "latent" for when, shadows, *_ in asked)
     asked.clear()
     evsdr.fit(*given, FAST)
     assert asked and not any(shadows == "latent" for _, shadows, *_ in asked)
