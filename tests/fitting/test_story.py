@@ -119,7 +119,9 @@ def test_what_pixels_share_is_inferred_anew_once_hidden_leds_are_known(given, mo
     evsdr.fit(*given, evsdr.Settings(shadows="latent"))
     assert ("alone", "latent", None, None) in asked
     asked.clear()
-    evsdr.fit(*given, replace(FAST, shadows="latent"))  # which infers nothing, and looks for hidden LEDs no more than it must
+    evsdr.fit(
+        *given, replace(FAST, shadows="latent")
+    )  # infers nothing, so need not look for hidden LEDs again
     assert not any(when == "alone" and shadows == "latent" for when, shadows, *_ in asked)
     asked.clear()
     evsdr.fit(*given, FAST)
