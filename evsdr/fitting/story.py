@@ -78,7 +78,7 @@ EFFECTS = (
     ShadowsOrGloss(),
     Translucency(),
 )
-ROUNDS = "sketch", "again", "again"  # of fits, each under what the maps before tell that pixels share
+MOST_SKETCHES = 2  # each under what the maps before tell that pixels share
 KEPT = 0.5  # of the pixels that are known, at least, when what they share was inferred; guessed
 FAR = 2.0  # limits by which better maps must turn normals, by what pixels share, to be worth another fit; guessed
 # The same of the logarithms of reflectances and thresholds; guessed. Measured on a blob of experiments.table1 after its lobe was
@@ -132,14 +132,15 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
         if world.light_follows_fit and not stages.enough:
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
         anew = world.shadows == "latent" or world.moved
-        sketched = changed and anew and world.terms.thorough
         if changed:
-            fitted = solve(world.problem(fitted), fitted, "relit" if sketched else "light", advance)
+            purpose = "relit" if anew and world.terms.thorough else "light"
+            fitted = solve(world.problem(fitted), fitted, purpose, advance)
+        sketched = fitted if world.terms.thorough else None
         if anew:
-            before = fitted
-            world, fitted = share_anew(told, world, before, settings, solve, advance)
-            if sketched and fitted is before:
-                fitted = solve(world.problem(before), before, "learn", advance)
+            world, fitted = share_anew(told, world, fitted, settings, solve, advance)
+        if fitted is sketched:
+            fitted = solve(world.problem(fitted), fitted, "again", advance)
+            fitted = follow(world, fitted, solve, advance)
     matt = fitted
     with stages.stage("residuals") as advance:
         for turn in range(MOST_MODELS):
@@ -253,36 +254,30 @@ def decide(
 def settle_events(
     world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
 ) -> tuple[World, Fitted]:
-    """Infer what pixels share: from rough maps, from a sketch under what these tell, and until better maps tell the same.
+    """Infer what pixels share, from rough maps and from sketches under what those before tell, and sketch all pixels under it.
 
-    Where pixels are many the sketch is of some. Maps of pixels by which that is inferred move with it, and the others' alike.
+    Where pixels are many they are some. Maps of pixels by which that is inferred move with it, and the others' alike.
     """
-    told, good, teacher = world, None, fitted
-    for purpose in ROUNDS:
-        found = find_shared(told, teacher) if good else None
-        if good and not moves_far(found, world):
-            break
-        world, changed = decide("alone", told, teacher, settings, progress)
-        if not changed:
-            break
+    if not world.terms.thorough:
+        return decide("alone", world, fitted, settings, progress)[0], fitted
+    told, teacher, sketch = world, sample_of(fitted), None
+    for _ in range(MOST_SKETCHES):
+        new, changed = decide("alone", told, teacher, settings, progress)
         found = find_shared(told, teacher)
-        begun = moved_with(found, fitted)
-        before = sample_of(begun) if purpose == "sketch" else begun
-        new = solve(replace(world, mask=before.problem.grid.mask).problem(before), before, purpose, progress)
-        known = before.maps.mask & new.maps.mask
-        if np.count_nonzero(known) < KEPT * np.count_nonzero(before.maps.mask & before.problem.grid.mask):
-            world = refuse(told, world)
+        if not changed or sketch and not moves_far(found, world):
+            world = world if sketch else new
             break
-        told = replace(told, found=found)
-        teacher = replace(new, problem=before.problem)
-        fitted = teacher if before.problem.n_pixel == fitted.problem.n_pixel else begun
-        good = (world, new) if purpose == "again" else None
-    if good is None and world.terms.thorough:
-        fitted = solve(world.problem(fitted), fitted, "learn", progress)
-    if good is None:
-        return world, fitted
-    world, fitted = good
-    return world, follow(world, fitted, solve, progress)
+        before = moved_with(found, teacher)
+        mask = before.problem.grid.mask
+        after = solve(replace(new, mask=mask).problem(before), before, "sketch", progress)
+        if np.count_nonzero((before.maps.mask & after.maps.mask)[mask]) < KEPT * before.maps.mask[mask].sum():
+            world = refuse(told, new)
+            break
+        world, told, fitted, sketch = new, replace(told, found=found), moved_with(found, fitted), after
+        teacher = replace(sketch, problem=before.problem)
+    if sketch and sketch.problem.n_pixel == fitted.problem.n_pixel:
+        return world, sketch
+    return world, solve(world.problem(fitted), fitted, "sketch", progress)
 
 
 def turned_deg(before: Fitted, fitted: Fitted) -> float:
