@@ -36,11 +36,12 @@ SURE = 0.5  # pixels: nearer hits may come of the noise of an estimated surface
 
 @dataclass(frozen=True)
 class Fitted:
-    """One fit: the problem, its solution, and the maps it gives."""
+    """One fit: the problem, its solution, the maps it gives, and what its pixels see of the LEDs if that was asked already."""
 
     problem: Problem
     solution: Solution
     maps: Maps
+    seen: Seen | None = None
 
 
 @dataclass(frozen=True)
@@ -312,7 +313,7 @@ class World:
             return Seen(share, theta, untold & (share < 1).any(axis=0))
 
         key = fitted, self.moved, self.recording, self.aim, self.gloss, self.rough
-        return self.memo("seen", key, work, 2)
+        return fitted.seen or self.memo("seen", key, work, 2)
 
     def left_open(self, fitted: Fitted) -> np.ndarray:
         """Give the covariances of maps that not knowing what pixels see leaves open, see `visibility.left_open`."""

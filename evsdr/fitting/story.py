@@ -308,15 +308,16 @@ def share_anew(
         return world, fitted
     as_told = {name: getattr(told, name) for name in ("recording", "lag", "leak", "aim", "nearer")}
     before = replace(world, found=None, **as_told)
-    seen = replace(fitted, problem=before.problem(fitted))
-    new, changed = decide("alone", before, seen, settings, progress)
+    looked = replace(fitted, seen=before.seen(fitted)) if world.shadows == "latent" else fitted
+    teacher = replace(looked, problem=before.problem(looked))
+    new, changed = decide("alone", before, teacher, settings, progress)
     if new is before:  # as told to stop
         return world, fitted
-    found = find_shared(before, seen)
+    found = find_shared(before, teacher)
     if not changed and not moves_far(found, world):
         return world, fitted
-    fitted = moved_with(found, fitted)
-    fitted = solve(new.problem(fitted), fitted, "again", progress)
+    looked = moved_with(found, looked)
+    fitted = solve(new.problem(looked), looked, "again", progress)
     return new, follow(new, fitted, solve, progress)
 
 
