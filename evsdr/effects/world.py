@@ -315,6 +315,10 @@ class World:
         key = fitted, self.moved, self.recording, self.aim, self.gloss, self.rough
         return fitted.seen or self.memo("seen", key, work, 2)
 
+    def with_seen(self, fitted: Fitted) -> Fitted:
+        """Give a fit with what its pixels see of the LEDs, where events tell that, so that it is not asked again."""
+        return replace(fitted, seen=self.seen(fitted)) if self.shadows == "latent" else fitted
+
     def left_open(self, fitted: Fitted) -> np.ndarray:
         """Give the covariances of maps that not knowing what pixels see leaves open, see `visibility.left_open`."""
         problem, before = self._unhidden(fitted)

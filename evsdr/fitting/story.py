@@ -133,7 +133,7 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
         anew = world.shadows == "latent" or world.moved
         if changed:
-            purpose = "relit" if anew and world.terms.thorough else "light"
+            purpose = "relit" if world.terms.thorough else "light"
             fitted = solve(world.problem(fitted), fitted, purpose, advance)
         sketched = fitted if world.terms.thorough else None
         if anew:
@@ -308,7 +308,7 @@ def share_anew(
         return world, fitted
     as_told = {name: getattr(told, name) for name in ("recording", "lag", "leak", "aim", "nearer")}
     before = replace(world, found=None, **as_told)
-    looked = replace(fitted, seen=before.seen(fitted)) if world.shadows == "latent" else fitted
+    looked = before.with_seen(fitted)
     teacher = replace(looked, problem=before.problem(looked))
     new, changed = decide("alone", before, teacher, settings, progress)
     if new is before:  # as told to stop
