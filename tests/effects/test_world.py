@@ -191,6 +191,20 @@ def test_weaker_leds_are_not_hidden(latent, monkeypatch):
     np.testing.assert_array_equal(given[1], 1)
 
 
+def test_what_pixels_see_is_not_asked_twice(latent, monkeypatch):
+    """Not under other light either; without shadows that events tell, never."""
+    from evsdr.effects import world as module
+
+    world, fitted = latent
+    asked = []
+    monkeypatch.setattr(module, "find_visibility", lambda *given: asked.append(given) or object())
+    known = world.with_seen(fitted)
+    stronger = replace(world, aim=Aim(np.full(world.ring.leds.n_led, 0.03), np.zeros((24, 2))))
+    assert known.seen is world.seen(fitted) is stronger.seen(known) and len(asked) == 1
+    assert stronger.seen(fitted) is not known.seen
+    assert replace(world, shadows="scene").with_seen(fitted) is fitted and len(asked) == 2
+
+
 @pytest.mark.parametrize("shadows", ["none", "scene"])
 def test_the_problem_tells_what_is_traced(latent, shadows):
     world, _ = latent

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import evsdr
+from evsdr.effects.blocks import at_some
 from evsdr.effects.effect import Decision
 from evsdr.effects.leds import LedPowers
 from evsdr.fitting import story, tiling
@@ -143,6 +144,28 @@ def test_maps_that_were_sketched_after_shadows_hear_all_events_at_last(given, mo
     purposes.clear()
     evsdr.fit(*given, replace(FAST, shadows="latent"))
     assert "relit" not in purposes and "light" in purposes
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_what_pixels_share_is_inferred_from_some_where_they_are_many(given, monkeypatch, share):
+    """Those are sketched as often as that moves maps; all are sketched once, and fitted at last."""
+    asked, solve = [], Decoder.__call__
+
+    def listened(self, problem, before=None, purpose="whole", *rest):
+        asked.append((purpose, problem.n_pixel))
+        return solve(self, problem, before, purpose, *rest)
+
+    def some(fitted):
+        return at_some(fitted, np.arange(fitted.problem.n_pixel) < share * fitted.problem.n_pixel)
+
+    monkeypatch.setattr(Decoder, "__call__", listened)
+    monkeypatch.setattr(story, "sample_of", some)
+    monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: True)
+    evsdr.fit(*given, evsdr.Settings(gloss="off", shadows="off", limit_deg=1e-9))
+    whole = asked[0][1]
+    few = np.count_nonzero(np.arange(whole) < share * whole)
+    sketches = [("sketch", few), ("sketch", few), *[("sketch", whole)] * (share < 1)]
+    assert asked == [("rough", whole), *sketches, ("again", whole)]
 
 
 def test_every_effect_is_decided_on_and_reported(given):
