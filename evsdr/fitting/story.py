@@ -271,7 +271,7 @@ def settle_events(
         mask = before.problem.grid.mask
         after = solve(replace(new, mask=mask).problem(before), before, "sketch", progress)
         if np.count_nonzero((before.maps.mask & after.maps.mask)[mask]) < KEPT * before.maps.mask[mask].sum():
-            world = refuse(told, new)
+            world = world if sketch else refuse(told, new)
             break
         world, told, fitted, sketch = new, replace(told, found=found), moved_with(found, fitted), after
         teacher = replace(sketch, problem=before.problem)

@@ -199,7 +199,8 @@ def test_what_pixels_see_is_not_asked_twice(latent, monkeypatch):
     asked = []
     monkeypatch.setattr(module, "find_visibility", lambda *given: asked.append(given) or object())
     known = world.with_seen(fitted)
-    stronger = replace(world, aim=Aim(np.full(world.ring.leds.n_led, 0.03), np.zeros((24, 2))))
+    n_led = world.ring.leds.n_led
+    stronger = replace(world, aim=Aim(np.full(n_led, 0.03), np.zeros((n_led, 2))))
     assert known.seen is world.seen(fitted) is stronger.seen(known) and len(asked) == 1
     assert stronger.seen(fitted) is not known.seen
     assert replace(world, shadows="scene").with_seen(fitted) is fitted and len(asked) == 2
