@@ -89,7 +89,7 @@ class SharedFound:
 
 def find_shared(world: "World", fitted: "Fitted") -> SharedFound | None:
     """Infer what pixels share, or remember it; None if it is not asked for, or too few pixels tell."""
-    if not (world.terms.shared and world.terms.thorough):
+    if not world.terms.shared:
         return None
     return world.memo("shared", (fitted,), lambda: _infer(world, fitted))
 
@@ -217,8 +217,6 @@ class SharedEffect:
             return self.as_told("the solver adam infers nothing but maps")
         if self.group not in world.terms.shared:
             return self.as_told("asked for by --shared")
-        if not world.terms.thorough:
-            return self.as_told("the preset fast does not look for it")
         found = find_shared(world, fitted)
         if found is None:
             return self.as_told("too few pixels tell it")

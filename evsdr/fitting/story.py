@@ -115,13 +115,12 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
         world, _ = decide("scene", world, None, settings)
         geometry.check_light(world)
     solve = Decoder(world.ring, settings, start_normals(world.ring, settings.init), world.thresholds)
-    first = "rough" if world.terms.thorough else "whole"
     with stages.stage(SOLVE) as advance:
-        fitted = solve(world.problem(), None, first, advance)
+        fitted = solve(world.problem(), None, "rough", advance)
         world, changed = decide("anew", world, fitted, settings, advance)
         if changed:
             solve = replace(solve, thresholds=world.thresholds)
-            fitted = solve(world.problem(), None, "metal" if world.metal else first, advance)
+            fitted = solve(world.problem(), None, "metal" if world.metal else "rough", advance)
     told = world
     with stages.stage("neighbours") as advance:
         world, fitted = settle_events(world, fitted, settings, solve, advance)
@@ -129,13 +128,13 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
     with stages.stage("settle light") as advance:
         first_light = world.illumination()
         world, changed = decide("together", world, fitted, settings, advance)
-        if world.light_follows_fit and not stages.enough:
+        one_look = world.shadows == "latent" and not world.terms.thorough
+        if world.light_follows_fit and not (one_look or stages.enough):
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
         anew = world.shadows == "latent" or world.moved
         if changed:
-            purpose = "relit" if world.terms.thorough else "light"
-            fitted = solve(world.problem(fitted), fitted, purpose, advance)
-        sketched = fitted if world.terms.thorough else None
+            fitted = solve(world.problem(fitted), fitted, "relit", advance)
+        sketched = fitted
         if anew:
             world, fitted = share_anew(told, world, fitted, settings, solve, advance)
         if fitted is sketched:
@@ -258,10 +257,8 @@ def settle_events(
 
     Where pixels are many they are some. Maps of pixels by which that is inferred move with it, and the others' alike.
     """
-    if not world.terms.thorough:
-        return decide("alone", world, fitted, settings, progress)[0], fitted
     told, teacher, sketch = world, sample_of(fitted), None
-    for _ in range(MOST_SKETCHES):
+    for _ in range(MOST_SKETCHES if world.terms.thorough else 1):
         new, changed = decide("alone", told, teacher, settings, progress)
         found = find_shared(told, teacher)
         if not changed or sketch and not moves_far(found, world):
