@@ -17,6 +17,7 @@ from evsdr.solve.problem import lay_out
 # Of a residual's standard deviation, by which it may still move, root mean square; guessed. Measured before an EVK4 after each fit: a
 # blob of 256 x 256 in slots of 20 ms 0.07, 0.008, its error the same; a sphere of 32 x 32 in slots of 2 ms 0.15, 0.05, 0.26 -> 0.20 degrees
 STILL = 0.1
+UNSETTLED = 0.3  # the same, by which it is worth a word, or where effects are not looked for thoroughly another fit; guessed
 MOST_TURNS = 8  # guessed: slots of 2 ms take one, of 0.5 ms all
 N_SHOWN = 2000  # pixels that show it; guessed
 MOST = 3.0  # standard deviations by which one residual may have moved; guessed
@@ -28,10 +29,10 @@ def follow(world: World, fitted: Fitted, solve: Decoder, progress: Progress) -> 
     A few pixels in wrong minima may go to and fro for ever: turns end where residuals no longer come to rest, too, but for light
     that follows the fit, such as shadows that events tell, as that is found better in each.
     """
-    before = np.inf
+    still, before = STILL if world.terms.thorough else UNSETTLED, np.inf
     for turn in range(MOST_TURNS):
         moved = moves(world, fitted)
-        ended = moved < STILL or (moved >= before and not world.light_follows_fit)
+        ended = moved < still or (moved >= before and not world.light_follows_fit)
         if ended or progress("light that photoreceptors show", turn / MOST_TURNS):
             break
         before = moved

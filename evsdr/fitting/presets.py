@@ -27,7 +27,7 @@ class Preset:
 
 PRESETS = {
     "fast": Preset(
-        Effort(n_early=40, n_most=48, priors=Priors(n_round=3, n_draw=2)).at(1.0), rays=4, thorough=False
+        Effort(n_early=40, n_most=48, priors=Priors(n_round=3, n_draw=2)).at(1.0), rays=16, thorough=False
     ),
     "balanced": Preset(Effort().at(0.1), rays=64),
     "accurate": Preset(Effort(priors=Priors(n_draw=16)).at(0.03), rays=256),

@@ -79,6 +79,7 @@ EFFECTS = (
     Translucency(),
 )
 MOST_SKETCHES = 2  # each under what the maps before tell that pixels share
+FEW = 1000  # pixels that show whether what is inferred explains them, where there is one look only; guessed
 KEPT = 0.5  # of the pixels that are known, at least, when what they share was inferred; guessed
 FAR = 2.0  # limits by which better maps must turn normals, by what pixels share, to be worth another fit; guessed
 # The same of the logarithms of reflectances and thresholds; guessed. Measured on a blob of experiments.table1 after its lobe was
@@ -115,30 +116,33 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
         world, _ = decide("scene", world, None, settings)
         geometry.check_light(world)
     solve = Decoder(world.ring, settings, start_normals(world.ring, settings.init), world.thresholds)
+    thorough = world.terms.thorough
+    first = "rough" if thorough else "search"
     with stages.stage(SOLVE) as advance:
-        fitted = solve(world.problem(), None, "rough", advance)
+        fitted = solve(world.problem(), None, first, advance)
         world, changed = decide("anew", world, fitted, settings, advance)
         if changed:
             solve = replace(solve, thresholds=world.thresholds)
-            fitted = solve(world.problem(), None, "metal" if world.metal else "rough", advance)
+            fitted = solve(world.problem(), None, "metal" if world.metal else first, advance)
     told = world
     with stages.stage("neighbours") as advance:
-        world, fitted = settle_events(world, fitted, settings, solve, advance)
+        settle_them = settle_events if thorough else settle_events_at_once
+        world, fitted = settle_them(world, fitted, settings, solve, advance)
     notes = {}
     with stages.stage("settle light") as advance:
         first_light = world.illumination()
         world, changed = decide("together", world, fitted, settings, advance)
-        one_look = world.shadows == "latent" and not world.terms.thorough
+        one_look = world.shadows == "latent" and not thorough
         if world.light_follows_fit and not (one_look or stages.enough):
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
-        anew = world.shadows == "latent" or world.moved
-        if changed:
-            fitted = solve(world.problem(fitted), fitted, "relit", advance)
-        sketched = fitted
+        anew, last = (world.shadows == "latent" or world.moved), "light" if changed else "again"
+        if anew and changed:
+            fitted, last = solve(world.problem(fitted), fitted, "relit", advance), "again"
+        before = fitted
         if anew:
             world, fitted = share_anew(told, world, fitted, settings, solve, advance)
-        if fitted is sketched:
-            fitted = solve(world.problem(fitted), fitted, "again", advance)
+        if fitted is before:
+            fitted = solve(world.problem(fitted), fitted, last, advance)
             fitted = follow(world, fitted, solve, advance)
     matt = fitted
     with stages.stage("residuals") as advance:
@@ -258,16 +262,15 @@ def settle_events(
     Where pixels are many they are some. Maps of pixels by which that is inferred move with it, and the others' alike.
     """
     told, teacher, sketch = world, sample_of(fitted), None
-    for _ in range(MOST_SKETCHES if world.terms.thorough else 1):
+    for _ in range(MOST_SKETCHES):
         new, changed = decide("alone", told, teacher, settings, progress)
         found = find_shared(told, teacher)
         if not changed or sketch and not moves_far(found, world):
             world = world if sketch else new
             break
         before = moved_with(found, teacher)
-        mask = before.problem.grid.mask
-        after = solve(replace(new, mask=mask).problem(before), before, "sketch", progress)
-        if np.count_nonzero((before.maps.mask & after.maps.mask)[mask]) < KEPT * before.maps.mask[mask].sum():
+        after = sketch_under(new, before, solve, progress)
+        if loses(before, after):
             world = world if sketch else refuse(told, new)
             break
         world, told, fitted, sketch = new, replace(told, found=found), moved_with(found, fitted), after
@@ -275,6 +278,32 @@ def settle_events(
     if sketch and sketch.problem.n_pixel == fitted.problem.n_pixel:
         return world, sketch
     return world, solve(world.problem(fitted), fitted, "sketch", progress)
+
+
+def settle_events_at_once(
+    world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
+) -> tuple[World, Fitted]:
+    """Infer what pixels share from rough maps, once, and let those move with it; a few pixels show whether that explains them."""
+    new, changed = decide("alone", world, fitted, settings, progress)
+    if not changed:
+        return new, fitted
+    moved = moved_with(find_shared(world, fitted), fitted)
+    some = sample_of(moved, FEW)
+    if loses(some, sketch_under(new, some, solve, progress)):
+        return refuse(world, new), fitted
+    return new, moved
+
+
+def sketch_under(world: World, fitted: Fitted, solve: Decoder, progress: Progress) -> Fitted:
+    """Sketch the pixels of a fit under what is believed."""
+    world = replace(world, mask=fitted.problem.grid.mask)
+    return solve(world.problem(fitted), fitted, "sketch", progress)
+
+
+def loses(before: Fitted, after: Fitted) -> bool:
+    """Say whether another fit knows too few of the pixels that one knew."""
+    known = before.maps.mask[before.problem.grid.mask]
+    return np.count_nonzero(known & after.maps.mask[before.problem.grid.mask]) < KEPT * known.sum()
 
 
 def turned_deg(before: Fitted, fitted: Fitted) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from evsdr.effects.world import Fitted, World
 from evsdr.errors import InputWarning
+from evsdr.fitting.following import UNSETTLED
 from evsdr.fitting.report import threshold_summary
 from evsdr.solve.noise import MISFIT
 
@@ -24,7 +25,6 @@ RECURRING = 0.05
 # Of the known pixels, from which LEDs are hidden as nothing but their events tells: measured, 0.57 on a lion whose sigmas do not
 # hold (94 % within three), 0.29 to 0.35 on a relief, a goathead, Nefertiti and a skull, whose do
 SHADOWED = 0.5
-UNSETTLED = 0.3  # of their standard deviation, by which residuals move with what photoreceptors show; guessed
 FEW_KNOWN = 0.5  # of the pixels that fire; guessed
 
 

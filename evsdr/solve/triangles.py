@@ -13,6 +13,8 @@ TINY = 1e-20
 def factor(matrix: list, damping=0.0) -> tuple[list, list]:
     """Factor M + damping diag M.
 
+    Where a pivot is nothing but rounding, so is what is left of its column: that is taken for 0, else inverses are not finite.
+
     Returns
     -------
     lower : list of list of Float
@@ -28,8 +30,9 @@ def factor(matrix: list, damping=0.0) -> tuple[list, list]:
         d = row[j][j] * (1.0 + damping)
         for k in range(j):
             d = d - dr.square(lower[j][k]) * pivot[k]
-        pivot.append(dr.maximum(d, SMALLEST_PIVOT * row[j][j] + TINY))
-        inverse.append(dr.rcp(pivot[j]))
+        smallest = SMALLEST_PIVOT * row[j][j] + TINY
+        pivot.append(dr.maximum(d, smallest))
+        inverse.append(dr.select(d > smallest, dr.rcp(pivot[j]), 0.0))
         for i in range(j + 1, n):
             entry = row[i][j]
             for k in range(j):
