@@ -17,7 +17,7 @@ from evsdr.solve.problem import lay_out
 # Of a residual's standard deviation, by which it may still move, root mean square; guessed. Measured before an EVK4 after each fit: a
 # blob of 256 x 256 in slots of 20 ms 0.07, 0.008, its error the same; a sphere of 32 x 32 in slots of 2 ms 0.15, 0.05, 0.26 -> 0.20 degrees
 STILL = 0.1
-UNSETTLED = 0.3  # the same, by which it is worth a word, or where effects are not looked for thoroughly another fit; guessed
+UNSETTLED = 0.3  # the same, from which it is worth a word, and another fit where effects are not looked for thoroughly; guessed
 MOST_TURNS = 8  # guessed: slots of 2 ms take one, of 0.5 ms all
 N_SHOWN = 2000  # pixels that show it; guessed
 MOST = 3.0  # standard deviations by which one residual may have moved; guessed

@@ -135,15 +135,13 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
         one_look = world.shadows == "latent" and not thorough
         if world.light_follows_fit and not (one_look or stages.enough):
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
-        anew, last = (world.shadows == "latent" or world.moved), "light" if changed else "again"
-        if anew and changed:
-            fitted, last = solve(world.problem(fitted), fitted, "relit", advance), "again"
-        before = fitted
-        if anew:
-            world, fitted = share_anew(told, world, fitted, settings, solve, advance)
-        if fitted is before:
-            fitted = solve(world.problem(fitted), fitted, last, advance)
-            fitted = follow(world, fitted, solve, advance)
+        last = "light" if changed else "again"
+        if thorough and (world.shadows == "latent" or world.moved):
+            if changed:
+                fitted, last = solve(world.problem(fitted), fitted, "relit", advance), "again"
+            world, fitted, _ = share_anew(told, world, fitted, settings, advance)
+        fitted = solve(world.problem(fitted), fitted, last, advance)
+        fitted = follow(world, fitted, solve, advance)
     matt = fitted
     with stages.stage("residuals") as advance:
         for turn in range(MOST_MODELS):
@@ -154,7 +152,10 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
             if turn and turned_deg(before, fitted) < FAR * world.terms.limit_deg:
                 break
             if changed:
-                world, fitted = share_anew(told, world, fitted, settings, solve, advance)
+                world, fitted, changed = share_anew(told, world, fitted, settings, advance)
+            if changed:
+                fitted = solve(world.problem(fitted), fitted, "again", advance)
+                fitted = follow(world, fitted, solve, advance)
     return world, fitted, matt, solve, notes
 
 
@@ -327,24 +328,26 @@ def moved_with(found: SharedFound | None, fitted: Fitted) -> Fitted:
 
 
 def share_anew(
-    told: World, world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
-) -> tuple[World, Fitted]:
-    """Infer what pixels share once more, now that the light's model is another; `told` is the world before any was inferred."""
+    told: World, world: World, fitted: Fitted, settings: Settings, progress: Progress
+) -> tuple[World, Fitted, bool]:
+    """Infer what pixels share once more, now that the light's model is another; `told` is the world before any was inferred.
+
+    Gives also whether that asks for another fit.
+    """
+    same = world, fitted, False
     if not (world.terms.shared and world.terms.thorough):  # what follows would look for hidden LEDs once more
-        return world, fitted
+        return same
     as_told = {name: getattr(told, name) for name in ("recording", "lag", "leak", "aim", "nearer")}
     before = replace(world, found=None, **as_told)
     looked = before.with_seen(fitted)
     teacher = replace(looked, problem=before.problem(looked))
     new, changed = decide("alone", before, teacher, settings, progress)
     if new is before:  # as told to stop
-        return world, fitted
+        return same
     found = find_shared(before, teacher)
     if not changed and not moves_far(found, world):
-        return world, fitted
-    looked = moved_with(found, looked)
-    fitted = solve(new.problem(looked), looked, "again", progress)
-    return new, follow(new, fitted, solve, progress)
+        return same
+    return new, moved_with(found, looked), True
 
 
 def refuse(told: World, world: World) -> World:

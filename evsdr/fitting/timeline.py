@@ -39,7 +39,7 @@ FIT = Plan(
 )
 TILE = 48.0  # of each; measured at 1280 x 720: by `balanced` 49, by `fast` 46
 UNKNOWN_SHAPE = {"settle light": 58.0}, {"decide on cast shadows": 37.0}  # shadows are found in the events
-FAST = {"solve": 35.0, "neighbours": 0.1, "settle light": 40.0}, {"decide on cast shadows": 40.0}
+FAST = {"solve": 12.0, "neighbours": 25.0, "settle light": 45.0}, {"decide on cast shadows": 25.0}
 
 
 def plan_of(shape_is_known: bool, fast: bool, n_tile: int = 0) -> Plan:

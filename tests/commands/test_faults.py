@@ -55,7 +55,7 @@ def send(*numbers):
 @pytest.fixture(scope="module")
 def found(recorded):
     """A fit, to be written."""
-    return evsdr.fit(recorded / "scene.xml", recorded / "events.h5", evsdr.Settings(preset="fast"))
+    return evsdr.fit(recorded / "scene.xml", recorded / "events.h5", evsdr.Settings(preset="fast", shared=()))
 
 
 def untouched(commands):

@@ -45,7 +45,6 @@ EFFECTS = (
     [
         (Terms(solver="adam", thorough=False), "as told: the solver adam infers nothing but maps"),
         (Terms(shared=()), "as told: asked for by --shared"),
-        (Terms(thorough=False), "as told: the preset fast does not look for it"),
     ],
 )
 def test_when_nothing_is_inferred(kind, terms, words):
@@ -187,9 +186,8 @@ def test_a_lag_that_was_none_is_asked_for_again_only_where_events_want_it(cutoff
     assert lag_asked == asked and ("tau" in again.names) == bool(cutoff_hz) == (not again.no_lag)
 
 
-@pytest.mark.parametrize("terms", [Terms(shared=()), Terms(shared=("lag",), thorough=False)])
-def test_what_is_not_asked_for_is_not_inferred(terms):
-    assert find_shared(SimpleNamespace(terms=terms), None) is None
+def test_what_is_not_asked_for_is_not_inferred():
+    assert find_shared(SimpleNamespace(terms=Terms(shared=())), None) is None
 
 
 def test_few_pixels_tell_nothing():

@@ -13,7 +13,7 @@ from evsdr.commands import fit as command
 from evsdr.fitting.entrance import collected_warnings
 from tests.support.small_scene import HEIGHT, WIDTH
 
-FAST = evsdr.Settings(preset="fast")
+FAST = evsdr.Settings(preset="fast", shared=())
 
 
 @pytest.fixture
@@ -40,7 +40,12 @@ def test_names_load_no_mitsuba(name):
 
 
 def test_saved_results_are_those_of_the_command(place, given, tmp_path, capsys):
-    assert command.main([str(place / "scene.xml"), str(place / "events.h5"), "--preset", "fast"]) == 0
+    assert (
+        command.main(
+            [str(place / "scene.xml"), str(place / "events.h5"), "--preset", "fast", "--shared", "none"]
+        )
+        == 0
+    )
     evsdr.fit(*given, FAST).save(tmp_path / "api")
     assert {p.name for p in (tmp_path / "api").iterdir()} == {p.name for p in (place / "events").iterdir()}
     ours, theirs = (np.load(folder / "maps.npz") for folder in (tmp_path / "api", place / "events"))

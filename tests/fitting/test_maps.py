@@ -39,7 +39,7 @@ def test_a_plane_inside_the_ring_knows_its_scale_by_dark_slots(tmp_path):
     )
     ring = evsdr.load_scene(tmp_path / "scene.xml")
     dark = np.insert(np.arange(12), [3, 6, 9, 12], -1)
-    settings = evsdr.Settings(preset="fast", priors=())
+    settings = evsdr.Settings(preset="fast", shared=(), priors=())
 
     def known(order):
         schedule = evsdr.Schedule(order.astype(np.int32), 2e4, 1.0)

@@ -71,5 +71,5 @@ def test_a_fit_says_it():
     recording, _ = evsdr.simulate(scene, evsdr.EventPixel(event_noise=0.1).idealised(), rounds=3)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", evsdr.InputWarning)  # thresholds of so few events
-        found = evsdr.fit(scene, recording, evsdr.Settings(preset="fast"))
+        found = evsdr.fit(scene, recording, evsdr.Settings(preset="fast", shared=()))
     assert found.summary["misfit"].startswith("residuals that come again in every round are 0")

@@ -17,7 +17,7 @@ def test_sigmas_count_light_that_neighbours_lack_alike():
     recording, truth = evsdr.simulate(ring, seed=0)
     trim = np.where(np.arange(24) % 5 == 0, 0.9, 1.0)
     told = replace(recording, schedule=replace(recording.schedule, trim=trim))
-    fit = evsdr.fit(ring, told, evsdr.Settings(preset="fast", shadows="off"))
+    fit = evsdr.fit(ring, told, evsdr.Settings(preset="fast", shared=(), shadows="off"))
     at, theta = fit.maps.mask, fit.solution.theta.astype(float)
     error = evsdr.angular_error_deg(fit.maps.normal, truth.normal)
     noise = np.zeros(at.shape)

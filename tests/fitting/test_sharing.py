@@ -60,18 +60,17 @@ def found(turned_deg, scale):
 )
 def test_another_fit_where_it_moves_maps(monkeypatch, decided, answer, fits):
     monkeypatch.setattr(story, "decide", lambda when, world, *_: (replace(world, lag="found"), decided))
-    monkeypatch.setattr(story, "find_shared", lambda *_: answer)
-    monkeypatch.setattr(story, "follow", lambda world, fitted, *_: fitted)
-    asked = []
+    taught = []
 
-    def solve(problem, before, purpose, progress):
-        asked.append((problem, purpose))
-        return before
+    def find_shared(world, teacher):
+        taught.append(teacher.problem)
+        return answer
 
+    monkeypatch.setattr(story, "find_shared", find_shared)
     told, begun = World(), World(lag="before")
-    world, fitted = story.share_anew(told, begun, Fitted(None, Maps(), None), None, solve, silent)
-    told_light = "problem", "found", "under none"  # hidden LEDs are looked for once, under what was told
-    assert asked == ([(told_light, "again")] if fits else [])
+    world, fitted, again = story.share_anew(told, begun, Fitted(None, Maps(), None), None, silent)
+    told_light = "problem", "none", "under none"  # hidden LEDs are looked for once, under what was told
+    assert again == fits and taught == [told_light] and (fitted.seen == "under none") == fits
     assert world.lag == ("found" if fits else "before")
     assert fitted.solution.by == (answer.moved[2] if fits and answer else 0)
 
@@ -80,7 +79,7 @@ def test_who_stops_keeps_what_was_believed(monkeypatch):
     monkeypatch.setattr(story, "decide", lambda when, world, *_: (world, False))
     monkeypatch.setattr(story, "find_shared", lambda *_: pytest.fail("inferred"))
     begun, fitted = World(lag="before"), Fitted(None, Maps(), None)
-    assert story.share_anew(World(), begun, fitted, None, None, silent) == (begun, fitted)
+    assert story.share_anew(World(), begun, fitted, None, silent) == (begun, fitted, False)
 
 
 def test_normals_turn_where_both_fits_know_them():

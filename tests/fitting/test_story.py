@@ -17,7 +17,7 @@ from evsdr.progress import Seconds
 from evsdr.solve import trial
 from tests.support.small_scene import scene
 
-FAST = evsdr.Settings(preset="fast")
+FAST = evsdr.Settings(preset="fast", shared=())
 ALL = {"LEDs", "cast shadows", "rays per pixel", "hot pixels", "contrast thresholds", "refractory period"}
 ALL |= {"set-up", "wiring", "photoreceptor lag", "light paths", "gloss", "metal", "translucency", "matt part"}
 ALL |= {"LED powers", "LED directions", "shift of all times", "leak", "slot length", "background activity"}
@@ -120,9 +120,7 @@ def test_what_pixels_share_is_inferred_anew_once_hidden_leds_are_known(given, mo
     evsdr.fit(*given, evsdr.Settings(shadows="latent"))
     assert ("alone", "latent", None, None) in asked
     asked.clear()
-    evsdr.fit(
-        *given, replace(FAST, shadows="latent")
-    )  # infers nothing, so need not look for hidden LEDs again
+    evsdr.fit(*given, evsdr.Settings(preset="fast", shadows="latent"))  # infers once, before
     assert not any(when == "alone" and shadows == "latent" for when, shadows, *_ in asked)
     asked.clear()
     evsdr.fit(*given, FAST)
@@ -138,12 +136,31 @@ def test_maps_that_were_sketched_after_shadows_hear_all_events_at_last(given, mo
         return solve(self, problem, before, purpose, *rest)
 
     monkeypatch.setattr(Decoder, "__call__", listened)
-    monkeypatch.setattr(story, "share_anew", lambda told, world, fitted, *rest: (world, fitted))
+    monkeypatch.setattr(story, "share_anew", lambda told, world, fitted, *rest: (world, fitted, False))
     evsdr.fit(*given, evsdr.Settings(shadows="latent"))
     assert "again" in purposes[purposes.index("relit") :]
     purposes.clear()
     evsdr.fit(*given, replace(FAST, shadows="latent"))
     assert "relit" not in purposes and "light" in purposes
+
+
+def test_a_fast_fit_infers_once_and_fits_all_pixels_once(given, monkeypatch):
+    """A few are sketched, to see whether what is inferred explains them; light that changes takes no more fits."""
+    asked, solve = [], Decoder.__call__
+
+    def listened(self, problem, before=None, purpose="whole", *rest):
+        asked.append((purpose, problem.n_pixel))
+        return solve(self, problem, before, purpose, *rest)
+
+    monkeypatch.setattr(Decoder, "__call__", listened)
+    monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: True)
+    monkeypatch.setattr(story, "FEW", 1)
+    for shadows, last in (("off", "again"), ("latent", "light")):
+        asked.clear()
+        evsdr.fit(*given, evsdr.Settings(preset="fast", gloss="off", shadows=shadows, limit_deg=1e-9))
+        (first, whole), (sketch, few), (purpose, all_again) = asked
+        assert (first, sketch, purpose) == ("search", "sketch", last)
+        assert few <= whole == all_again
 
 
 @pytest.mark.parametrize("share", [0.5, 1.0])
@@ -210,8 +227,10 @@ def test_what_is_unknown_of_all(settings, names):
     assert set(story.unknown_of_all(evsdr.Settings(**settings))) == names
 
 
-@pytest.mark.parametrize("blind_one, modelled", [(1, False), (2, True)])
-def test_what_leaves_few_pixels_explained_is_taken_back(given, monkeypatch, blind_one, modelled):
+@pytest.mark.parametrize(
+    "preset, blind_one, modelled", [("balanced", 1, False), ("balanced", 2, True), ("fast", 1, False)]
+)
+def test_what_leaves_few_pixels_explained_is_taken_back(given, monkeypatch, preset, blind_one, modelled):
     """A sketch that knows no pixel: what was believed before it stays, and the decisions say so."""
     ring, recording = given
     real = story.Decoder.__call__
@@ -226,9 +245,10 @@ def test_what_leaves_few_pixels_explained_is_taken_back(given, monkeypatch, blin
 
     monkeypatch.setattr(story.Decoder, "__call__", blind)
     monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: True)
-    settings = evsdr.Settings(gloss="off", shadows="off", limit_deg=1e-9)
+    settings = evsdr.Settings(preset=preset, gloss="off", shadows="off", limit_deg=1e-9)
     found = evsdr.fit(ring, recording, settings)
-    assert purposes == ["rough", "sketch", "sketch", "again"] and found.maps.mask.any()
+    sketched = {"balanced": ["rough", "sketch", "sketch"], "fast": ["search", "sketch"]}
+    assert purposes == [*sketched[preset], "again"] and found.maps.mask.any()
     powers = found.decisions["LED powers"]
     why = "as found" if modelled else "as told: with what the events seem to tell"
     assert powers.modelled == modelled and powers.why.startswith(why)

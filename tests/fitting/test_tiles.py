@@ -67,7 +67,7 @@ def test_what_a_tile_tells_is_taken_over():
 
 def test_a_fit_in_tiles_is_that_of_the_whole(place, small, monkeypatch):
     ring, recording = evsdr.load_scene(place / "scene.xml"), evsdr.read_recording(place / "events.h5")
-    fast = evsdr.Settings(preset="fast")
+    fast = evsdr.Settings(preset="fast", shared=())
     said = []
     found = evsdr.fit(ring, recording, fast, progress=lambda stage, share: said.append(stage))
     assert any(stage.startswith("tiles, 2 of ") for stage in said)
@@ -95,6 +95,6 @@ def test_tiles_are_judged_by_pixels_whose_events_are_there(small, place, monkeyp
     monkeypatch.setattr(tiles, "ENOUGH", 50)
     recording, _ = evsdr.simulate(ring, seed=1, thresholds="nominal")
     with pytest.warns(evsdr.InputWarning, match="residuals by 0.4 of"):
-        found = evsdr.fit(ring, recording, evsdr.Settings(preset="fast"))
+        found = evsdr.fit(ring, recording, evsdr.Settings(preset="fast", shared=()))
     ((with_pairs, fitted),) = counts
     assert with_pairs == fitted and 0 < fitted < len(found.solution.theta)

@@ -38,7 +38,8 @@ class Commands:
 
     def fit(self, *argv, scene="scene.xml", events="events.h5", out="out"):
         out = ["--out", self.folder / out] if out else []
-        return self.run(fit.main, self.folder / scene, self.folder / events, "--preset", "fast", *out, *argv)
+        quick = "--preset", "fast", "--shared", "none"
+        return self.run(fit.main, self.folder / scene, self.folder / events, *quick, *out, *argv)
 
     def fit_refused(self, *argv, scene="scene.xml", events="events.h5", out="out"):
         return self.refused(
