@@ -136,7 +136,7 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
         if world.light_follows_fit and not (one_look or stages.enough):
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
         last = "light" if changed else "again"
-        if thorough and (world.shadows == "latent" or world.moved):
+        if world.moved or (thorough and world.shadows == "latent"):
             if changed:
                 fitted, last = solve(world.problem(fitted), fitted, "relit", advance), "again"
             world, fitted, _ = share_anew(told, world, fitted, settings, advance)
@@ -151,11 +151,11 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
                 fitted = solve(world.problem(fitted), fitted, "model", advance)
             if turn and turned_deg(before, fitted) < FAR * world.terms.limit_deg:
                 break
-            if changed:
+            if changed and thorough:
                 world, fitted, changed = share_anew(told, world, fitted, settings, advance)
-            if changed:
-                fitted = solve(world.problem(fitted), fitted, "again", advance)
-                fitted = follow(world, fitted, solve, advance)
+                if changed:
+                    fitted = solve(world.problem(fitted), fitted, "again", advance)
+                    fitted = follow(world, fitted, solve, advance)
     return world, fitted, matt, solve, notes
 
 
@@ -335,7 +335,7 @@ def share_anew(
     Gives also whether that asks for another fit.
     """
     same = world, fitted, False
-    if not (world.terms.shared and world.terms.thorough):  # what follows would look for hidden LEDs once more
+    if not world.terms.shared:  # what follows would look for hidden LEDs once more
         return same
     as_told = {name: getattr(told, name) for name in ("recording", "lag", "leak", "aim", "nearer")}
     before = replace(world, found=None, **as_told)

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from evsdr.effects import shared
 from evsdr.effects.effect import Decision
 from evsdr.effects.near_leds import DepthOfNearLeds, DistanceOfNearLeds, NearLeds
 from evsdr.effects.world import Terms
@@ -122,16 +123,22 @@ def test_the_distance_is_told(by, warned, words):
 
 
 @pytest.mark.parametrize(
-    ("terms", "unknown", "doubted"),
+    ("terms", "answer", "unknown", "doubt"),
     [
-        (Terms(thorough=False), True, True),
-        (Terms(thorough=False), False, False),
-        (Terms(shared=("powers",)), True, False),
-        (Terms(), True, False),
+        (Terms(), None, True, "taken from the rectangle"),
+        (Terms(), None, False, ""),
+        (Terms(thorough=False), found(distance=0.1), True, "from first maps"),
+        (Terms(thorough=False), found(distance=0.1), False, ""),
+        (Terms(shared=("powers",)), None, True, ""),
+        (Terms(), found(distance=0.1), True, ""),
     ],
 )
-def test_a_distance_of_which_no_event_is_asked_is_doubtful(terms, unknown, doubted):
+def test_a_distance_of_which_events_are_not_asked_well_is_doubtful(
+    monkeypatch, terms, answer, unknown, doubt
+):
     """But not where a user tells it."""
-    known = found(distance=0.1)
-    decision = DistanceOfNearLeds().decide("auto", world(terms, known, distance_is_unknown=unknown), FITTED)
-    assert bool(decision.doubt) == doubted and decision.modelled == (terms == Terms())
+    monkeypatch.setattr(shared, "find_shared", lambda *_: answer)
+    told = world(terms, answer, distance_is_unknown=unknown)
+    decision = DistanceOfNearLeds().decide("auto", told, FITTED)
+    assert bool(decision.doubt) == bool(doubt) and doubt in decision.doubt
+    assert decision.modelled == bool(answer)

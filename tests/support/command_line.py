@@ -38,7 +38,7 @@ class Commands:
 
     def fit(self, *argv, scene="scene.xml", events="events.h5", out="out"):
         out = ["--out", self.folder / out] if out else []
-        quick = "--preset", "fast", "--shared", "none"
+        quick = () if "--preset" in argv else ("--preset", "fast", "--shared", "none")
         return self.run(fit.main, self.folder / scene, self.folder / events, *quick, *out, *argv)
 
     def fit_refused(self, *argv, scene="scene.xml", events="events.h5", out="out"):
