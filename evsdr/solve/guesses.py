@@ -130,10 +130,12 @@ class Judge:
             twice = np.zeros(2, int)
             theta, cost = self._fit(pixel[twice], share[:, twice], theta[twice], descents, terms)
             return theta[:1], cost[:1]
-        parts = [slice(k, k + AT_ONCE) for k in range(0, len(pixel), AT_ONCE)]
-        fitted = [self._fit_some(pixel[k], share[:, k], theta[k], descents, terms) for k in parts]
-        cost = np.concatenate([[], *(c for _, c in fitted)])
-        return np.concatenate([theta[:0], *(t for t, _ in fitted)]), cost
+        theta, cost = theta.copy(), np.zeros(len(pixel))
+        order = np.argsort(pixel, kind="stable")  # guesses of a pixel hear the same events: side by side they do so at once
+        for begin in range(0, len(pixel), AT_ONCE):
+            k = order[begin : begin + AT_ONCE]
+            theta[k], cost[k] = self._fit_some(pixel[k], share[:, k], theta[k], descents, terms)
+        return theta, cost
 
     def _fit_some(self, pixel, share, theta, descents, which):
         light, UInt32 = self.problem.illumination, type(self.pairs.first)
