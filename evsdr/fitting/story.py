@@ -258,9 +258,10 @@ def decide(
 def settle_events(
     world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
 ) -> tuple[World, Fitted]:
-    """Infer what pixels share, from rough maps and from sketches under what those before tell, and sketch all pixels under it.
+    """Infer what pixels share, from rough maps and from sketches under what those before tell.
 
-    Where pixels are many they are some. Maps of pixels by which that is inferred move with it, and the others' alike.
+    Where pixels are many they are some. Maps of pixels by which that is inferred move with it, and the others' alike. All are
+    sketched under it where the maps shall tell what shape casts shadows.
     """
     told, teacher, sketch = world, sample_of(fitted), None
     for _ in range(MOST_SKETCHES):
@@ -278,6 +279,8 @@ def settle_events(
         teacher = replace(sketch, problem=before.problem)
     if sketch and sketch.problem.n_pixel == fitted.problem.n_pixel:
         return world, sketch
+    if sketch and world.ring.shape_is_known:
+        return world, fitted
     return world, solve(world.problem(fitted), fitted, "sketch", progress)
 
 

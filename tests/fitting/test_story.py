@@ -13,6 +13,7 @@ from evsdr.effects.leds import LedPowers
 from evsdr.fitting import story, tiling
 from evsdr.fitting.decoder import Decoder
 from evsdr.fitting.tiles import within
+from evsdr.light.scene import RingScene
 from evsdr.progress import Seconds
 from evsdr.solve import trial
 from tests.support.small_scene import scene
@@ -163,9 +164,9 @@ def test_a_fast_fit_infers_once_and_fits_all_pixels_once(given, monkeypatch):
         assert few <= whole == all_again
 
 
-@pytest.mark.parametrize("share", [0.5, 1.0])
-def test_what_pixels_share_is_inferred_from_some_where_they_are_many(given, monkeypatch, share):
-    """Those are sketched as often as that moves maps; all are sketched once, and fitted at last."""
+@pytest.mark.parametrize(("share", "known"), [(0.5, True), (0.5, False), (1.0, True), (1.0, False)])
+def test_what_pixels_share_is_inferred_from_some_where_they_are_many(given, monkeypatch, share, known):
+    """Those are sketched as often as that moves maps; all once where they shall tell the shape, and all are fitted at last."""
     asked, solve = [], Decoder.__call__
 
     def listened(self, problem, before=None, purpose="whole", *rest):
@@ -178,10 +179,11 @@ def test_what_pixels_share_is_inferred_from_some_where_they_are_many(given, monk
     monkeypatch.setattr(Decoder, "__call__", listened)
     monkeypatch.setattr(story, "sample_of", some)
     monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: True)
+    monkeypatch.setattr(RingScene, "shape_is_known", known)
     evsdr.fit(*given, evsdr.Settings(gloss="off", shadows="off", limit_deg=1e-9))
     whole = asked[0][1]
     few = np.count_nonzero(np.arange(whole) < share * whole)
-    sketches = [("sketch", few), ("sketch", few), *[("sketch", whole)] * (share < 1)]
+    sketches = [("sketch", few), ("sketch", few), *[("sketch", whole)] * (share < 1 and not known)]
     assert asked == [("rough", whole), *sketches, ("again", whole)]
 
 
