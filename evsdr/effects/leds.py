@@ -38,8 +38,7 @@ class LedPowers(SharedEffect):
         worst = float(np.abs(found.inferred.rig.log_power).max())
         if worst <= WARNED * found.told.powers:
             return ""
-        doubted = ", which know them hardly better than told" if "powers" in found.inferred.doubted else ""
-        return f"LED powers differ from the scene's by up to {100 * worst:.0f} %, as the events tell{doubted}; calibrate them."
+        return f"LED powers differ from the scene's by up to {100 * worst:.0f} %, {told_by(found, 'powers')}; calibrate them."
 
     def numbers(self, found: SharedFound) -> dict:
         """Give all factors."""
@@ -61,8 +60,18 @@ class LedDirections(SharedEffect):
 
     def say(self, found: SharedFound) -> str:
         """Give the mean turn."""
-        turn = np.degrees(np.linalg.norm(found.inferred.rig.tilt, axis=1))
+        turn = turns_deg(found)
         return f"LEDs are {turn.mean():.2g} degrees off on average, {turn.max():.2g} at most"
+
+    def warning(self, found: SharedFound) -> str:
+        """Give the largest turn, if it is more than directions can be off."""
+        worst = float(turns_deg(found).max())
+        if worst <= WARNED * found.told.directions_deg:
+            return ""
+        return (
+            f"LED directions differ from the scene's by up to {worst:.2g} degrees, {told_by(found, 'directions')}; "
+            "measure where the LEDs are, and write it there."
+        )
 
     def numbers(self, found: SharedFound) -> dict:
         """Give all turns [deg], along two axes across each direction."""
@@ -74,3 +83,14 @@ class LedDirections(SharedEffect):
         rig = decision.answer.inferred.rig
         power = world.aim.log_power if world.aim else np.zeros_like(rig.log_power)
         return replace(world, aim=Aim(power, rig.tilt))
+
+
+def turns_deg(found: SharedFound) -> np.ndarray:
+    """Give the angles [deg] by which LEDs are turned."""
+    return np.degrees(np.linalg.norm(found.inferred.rig.tilt, axis=1))
+
+
+def told_by(found: SharedFound, group: str) -> str:
+    """Say that the events tell it, and whether they know it."""
+    doubted = group in found.inferred.doubted
+    return f"as the events tell{', which know them hardly better than told' if doubted else ''}"

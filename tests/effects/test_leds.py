@@ -63,3 +63,15 @@ def test_powers_that_hardly_differ_are_as_told(off, modelled):
     known = found(log_power=np.array([off, -off, off]))
     chosen = LedPowers().decide("auto", world(known=known), FITTED)
     assert chosen.modelled == modelled and ("too near" in chosen.why) != modelled
+
+
+def test_directions_far_off_are_warned_of():
+    """Beyond three times half a degree."""
+    far = found(tilt=np.radians([[0.0, 1.6], [0.0, 0.0], [1.0, 0.0]]))
+    sentence = LedDirections().warning(far)
+    assert sentence.startswith(
+        "LED directions differ from the scene's by up to 1.6 degrees, as the events tell; measure"
+    )
+    doubted = replace(far, inferred=replace(far.inferred, doubted=("directions",)))
+    assert "hardly better" in LedDirections().warning(doubted)
+    assert LedDirections().warning(found(tilt=np.radians([[0.0, 1.4], [1.0, 1.0], [0.0, 0.0]]))) == ""
