@@ -40,11 +40,11 @@ class Cost:
 
 # Measured by experiments/speed_accuracy (blob, 32 to 256 pixels, 3 and 6 rounds, 2 cores), less the 2 s before the solver;
 # from the best to the quickest
-REFERENCE = 0.05
+REFERENCE = 0.0456
 COST = {
-    "accurate": Cost(3.6, 3.5e-4, 4.1e-6),
-    "balanced": Cost(3.4, 2.2e-4, 5.1e-6),
-    "fast": Cost(1.4, 2.1e-4, 1.3e-6),
+    "accurate": Cost(3.6, 1.0e-4, 4.2e-6),
+    "balanced": Cost(3.0, 5.9e-5, 4.8e-6),
+    "fast": Cost(0.9, 1.0e-4, 2.4e-6),
 }
 # Of what follows: stages that are left end early, then surface, signals, files, page; guessed
 AFTER = Cost(0.3, 6.0e-5, 1.0e-7)
