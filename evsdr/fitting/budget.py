@@ -13,8 +13,8 @@ from evsdr.records import Recording
 from evsdr.threads import in_chunks
 
 BY_BUDGET = "time budget"  # what `stopped_by` of a summary says
-# Of the budget that a preset may be expected to take. Measured on a blob of 256 x 256: `balanced`, which takes 31 s, has 0.22 degrees
-# when it is asked to end in 20 (it takes 26), 0.19 in 25 (28), and 0.80 in 15; `fast` has 0.75 in 14
+# Of the budget that a preset may be expected to take. Measured on a blob of 256 x 256: `balanced`, when it took 31 s, had 0.22 degrees
+# when it was asked to end in 20 (it took 26), 0.19 in 25 (28), and 0.80 in 15; `fast` had 0.75 in 14
 MOST = 1.2
 LEAST = 0.5  # of the budget that the solver gets, whatever the work after it may take
 
@@ -38,8 +38,8 @@ class Cost:
         return self.start + self.pixel * n_pixel + self.event * n_event
 
 
-# Measured by experiments/speed_accuracy (blob, 32 to 256 pixels, 3 and 6 rounds, 2 cores), less the 2 s before the solver;
-# from the best to the quickest
+# Measured by experiments/speed_accuracy (blob, shape known, 32 to 256 pixels, 3 and 6 rounds, 2 cores; within a third), less the 2 s
+# before the solver; from the best to the quickest
 REFERENCE = 0.0456
 COST = {
     "accurate": Cost(3.6, 1.0e-4, 4.2e-6),

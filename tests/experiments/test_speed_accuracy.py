@@ -5,7 +5,7 @@ import pytest
 from evsdr.fitting.budget import COST, Cost
 from experiments.speed_accuracy.__main__ import costs
 from experiments.speed_accuracy.compute import PRESETS, Result, slopes
-from experiments.speed_accuracy.draw import draw, front
+from experiments.speed_accuracy.draw import draw, front, together
 
 
 def result(way, pixels, events, seconds):
@@ -36,3 +36,7 @@ def test_the_front_holds_what_no_other_beats(tmp_path):
     assert front([(3, 1), (1, 5), (2, 6), (2, 2), (4, 1)]) == [(1, 5), (2, 2), (3, 1)]
     draw(tmp_path / "a.png", [result("fast", 1, 1, 1.0), result("balanced", 1, 1, 3.0)])
     assert (tmp_path / "a.png").stat().st_size > 1000
+
+
+def test_points_that_lie_together_share_a_label():
+    assert together([(1, 1), (1.01, 1), (10, 1), (1, 0.1), (10, 0.99)]) == [[0, 1], [2, 4], [3]]
