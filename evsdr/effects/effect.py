@@ -50,7 +50,7 @@ class Effect(Protocol):
     option : str
         The setting by which users ask for it; "" where there is none.
     when : str
-        On what it is decided: `scene`, before any fit; `anew`, on a first fit that is then made anew; `alone`, on
+        On what it is decided: `first`, before anything; `scene`, before any fit; `anew`, on a first fit that is then made anew; `alone`, on
         residuals of single pixels; `together`, on fitted maps, before the light settles on them; `settled`, on the
         residuals that then remain, twice, the second time to refine what was decided; `last`, on the maps as they are.
     """

@@ -18,6 +18,7 @@ from evsdr.effects.leak import Leak
 from evsdr.effects.leds import LedDirections, LedPowers
 from evsdr.effects.metal import Metal, RoughnessOfMetal
 from evsdr.effects.near_leds import DepthOfNearLeds, DistanceOfNearLeds, NearLeds
+from evsdr.effects.outline import Outline
 from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.rough import RoughMatt
@@ -47,6 +48,7 @@ from evsdr.records import Recording
 from evsdr.solve.shared.rig import Told
 
 EFFECTS = (
+    Outline(),
     NearLeds(),
     Shadows(),
     Rays(),
@@ -102,7 +104,8 @@ def world_of(
     with stages.stage("trace light"):
         _, coverage = trace_illumination(ring, TRIAL_RAYS, False, terms.seed)
         mask = object_mask(ring, coverage, wanted)
-        return World.before_a_fit(ring, recording, mask, terms, ring.shape_is_known or wanted is not None)
+        told = ring.shape_is_known or wanted is not None
+        return decide("first", World.before_a_fit(ring, recording, mask, terms, told), None, settings)[0]
 
 
 def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, Fitted, Fitted, Decoder, dict]:

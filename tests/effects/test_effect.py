@@ -9,7 +9,7 @@ from evsdr.effects.effect import Decision, Effect
 from evsdr.fitting.settings import Settings
 from evsdr.fitting.story import EFFECTS
 
-WHENS = "scene", "anew", "alone", "together", "settled", "last"
+WHENS = "first", "scene", "anew", "alone", "together", "settled", "last"
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: type(effect).__name__)

@@ -15,6 +15,7 @@ from evsdr.fitting.decoder import Decoder
 from evsdr.fitting.tiles import within
 from evsdr.light.scene import RingScene
 from evsdr.progress import Seconds
+from evsdr.records import Events
 from evsdr.solve import trial
 from tests.support.small_scene import scene
 
@@ -50,14 +51,22 @@ def given(place):
     return evsdr.load_scene(place / "scene.xml"), evsdr.read_recording(place / "events.h5")
 
 
-def test_only_a_mask_that_is_told_bounds_a_shape_that_is_not_known(given, tmp_path, monkeypatch):
+def test_an_unknown_shape_is_bounded_by_a_mask_or_by_its_outline(given, tmp_path, monkeypatch):
     """Tiles of a fit, too."""
     known, recording = given
     (tmp_path / "told.xml").write_text(scene(shape='<shape type="rectangle" id="object"/>'))
     unknown, mask = evsdr.load_scene(tmp_path / "told.xml"), np.ones((known.height, known.width), bool)
+    early = replace(
+        recording, events=Events(*(getattr(recording.events, a)[:5] for a in "xypt"))
+    )  # they tell of no outline
     monkeypatch.setattr(tiling, "AT_ONCE", 60)
-    for ring, wanted, bounded in ((known, None, True), (unknown, mask, True), (unknown, None, False)):
-        world = story.world_of(ring, recording, FAST, wanted, Seconds(None))
+    for ring, events, wanted, bounded in (
+        (known, early, None, True),
+        (unknown, early, mask, True),
+        (unknown, early, None, False),
+        (unknown, recording, None, True),
+    ):
+        world = story.world_of(ring, events, FAST, wanted, Seconds(None))
         tile = tiling.tiles_of(world.mask, recording.events)[0]
         assert world.surface.bounded == bounded == within(world, tile).surface.bounded
 

@@ -31,11 +31,17 @@ def leds(
     return "\n".join(lines)
 
 
-def camera(name: str = "camera", kind: str = "orthographic", width: int = WIDTH, height: int = HEIGHT) -> str:
-    """Write a camera that sees the unit sphere: x right, y up, z toward it."""
+def camera(
+    name: str = "camera",
+    kind: str = "orthographic",
+    width: int = WIDTH,
+    height: int = HEIGHT,
+    wide: float = 1.4,
+) -> str:
+    """Write a camera that sees the unit sphere: x right, y up, z toward it, and so far to each side."""
     perspective = kind == "perspective"
     view = '<float name="fov" value="40"/>' if perspective else ""
-    scale = "" if perspective else '<scale x="1.4" y="1.4"/>'
+    scale = "" if perspective else f'<scale x="{wide}" y="{wide}"/>'
     return f"""<sensor type="{kind}" id="{name}">{view}
         <transform name="to_world">{scale}<lookat origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
         <film type="hdrfilm"><integer name="width" value="{width}"/><integer name="height" value="{height}"/>
