@@ -29,13 +29,14 @@ def main(argv: list[str] | None = None) -> int:
         "--seeds", type=int, nargs=2, default=(0, 40), help="the first draw, and the one after the last"
     )
     parser.add_argument("--size", type=int, default=40, help="width and height [pixels]")
+    parser.add_argument("--no-mask", action="store_true", help="do not tell which pixels are the object")
     options = parser.parse_args(argv)
     print(f"| {COLUMNS} |\n|{'---|' * 6}")
     kept = []
     for seed in range(*options.seeds):
         case = draw(seed)
         begin = time.perf_counter()
-        errors = run(case, options.size)
+        errors = run(case, options.size, masked=not options.no_mask)
         kept.append([keeps_promise(within(z)) for z in (errors.angle, np.abs(errors.reflectance).ravel())])
         print(line(case, errors, kept[-1], time.perf_counter() - begin), flush=True)
     normals, reflectances = np.sum(kept, axis=0)
@@ -67,12 +68,14 @@ def line(case: Draw, errors: Errors, kept: list[bool], seconds: float) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def run(case: Draw, size: int, settings: evsdr.Settings = evsdr.Settings()) -> Errors:
-    """Record and fit a draw."""
+def run(
+    case: Draw, size: int, settings: evsdr.Settings = evsdr.Settings(), masked: bool = True
+) -> Errors:
+    """Record and fit a draw, `masked`: with its pixels told."""
     told, recording, truth = record(case, size)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", evsdr.InputWarning)  # not all is told as it is
-        found = evsdr.fit(told, recording, settings, truth.mask)
+        found = evsdr.fit(told, recording, settings, truth.mask if masked else None)
     return errors_of(found.maps, truth, case.seed, found.summary["verdict"])
 
 
