@@ -34,6 +34,7 @@ SHARES = 0.2, 0.5, 0.8  # of LEDs at the ends of an arc
 N_CHANGE = 48  # guesses that `changes` gives, about
 AT_ONCE = 60_000  # guesses that are solved together
 TOLERANCE = 0.1  # gain in log likelihood that is worth a step
+IMPOSSIBLE = 1e9  # cost of a guess under which the events can't be, in place of infinity, so that differences stay numbers
 RACED = 2  # steps of a race; measured: 1 to 3 alike
 WITHOUT_SILENCE = Terms(silence=False)  # which takes three quarters of a step
 
@@ -152,7 +153,8 @@ class Judge:
             softness = dr.opaque(Float, light.horizon if softness is None else softness)
             system = system_of(data, replace(state, softness=softness), which.loss(data))
             theta, terms, *_ = descend(system, theta, n_step, TOLERANCE)
-        return np.stack([t.numpy() for t in theta], axis=-1), terms[0].numpy()
+        cost = np.nan_to_num(terms[0].numpy(), nan=IMPOSSIBLE)
+        return np.stack([t.numpy() for t in theta], axis=-1), np.minimum(cost, IMPOSSIBLE)
 
 
 def cheapest(pixel: np.ndarray, cost: np.ndarray, most: int) -> np.ndarray:

@@ -10,7 +10,9 @@ import pytest
 from evsdr.events.pairs import pair_events
 from evsdr.model.gloss import BlinnPhong
 from evsdr.solve import visibility
+from evsdr.solve.guesses import IMPOSSIBLE
 from evsdr.solve.problem import make_problem
+from evsdr.solve.stages import ALL_TERMS
 from evsdr.solve.unknowns import normal_sigma_deg
 from evsdr.solve.visibility import doubtful, find_visibility, left_open, unhide
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
@@ -200,6 +202,15 @@ def test_sigma_holds_what_other_visibility_would_make(shadowed, seen):
     told = replace(solution, theta=theta)
     open_there = sigma_of(told, left_open(problem, told, share, everything(problem), False))[wrong]
     assert open_there > 0.7 * error[wrong] > 5 * sure[wrong]
+
+
+def test_a_guess_under_which_events_cannot_be_has_a_cost(shadowed, seen):
+    problem, solution, *_ = shadowed
+    share = seen.share.copy()
+    share[:, 3] = np.nan
+    judge = visibility._judge(problem, solution, None, False)
+    cost = judge._fit(np.arange(2, 4), share[:, 2:4], seen.theta[2:4], ((None, 1),), ALL_TERMS)[1]
+    assert cost[0] < IMPOSSIBLE == cost[1]
 
 
 def test_guesses_that_cost_a_little_more_are_not_ruled_out(shadowed, seen, monkeypatch):
