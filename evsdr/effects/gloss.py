@@ -1,6 +1,6 @@
 """Gloss: left out where the events show none, else a lobe fitted with the maps."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import numpy as np
@@ -8,12 +8,15 @@ import numpy as np
 from evsdr.effects.effect import Decision
 from evsdr.effects.gloss_fit import N_SAMPLE, fit_gloss, gloss_evidence
 from evsdr.effects.materials import sort_materials
+from evsdr.effects.payment import wider
+from evsdr.effects.shared import in_doubt
 from evsdr.effects.world import Fitted, World
 from evsdr.light.camera import view_directions
 from evsdr.model.arrays import columns
 from evsdr.model.gloss import BlinnPhong, RoughCoating
 from evsdr.solve.loss import scaled
 from evsdr.solve.problem import Problem
+from evsdr.records import Maps
 from evsdr.solve.solution import Solution
 
 NAME = "gloss"
@@ -114,3 +117,46 @@ class GlossyLobes:
     def model(self, world: World, decision: Decision) -> World:
         """Put the lobes in the forward model."""
         return replace(world, gloss=decision.answer)
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """What lobes that nothing was told of make of maps: by how much normals turn [deg], and log reflectances (n_band,) change."""
+
+    turn_deg: float
+    log_reflectance: np.ndarray
+
+    def pay(self, maps: Maps) -> Maps:
+        """Add it to the sigmas."""
+        return wider(maps, self.turn_deg, self.log_reflectance)
+
+
+class GlossOrPowers:
+    """Gloss that LED powers passed for: on a surface that looks one way each explains what the other does."""
+
+    name, option, when = NAME, "gloss", "last"
+
+    def decide(self, asked: str, world: World, fitted: Fitted) -> Decision | None:
+        """Look for gloss as if powers were as told, where they were found but are hardly better known."""
+        before = world.decisions.get(self.name)
+        if asked != "auto" or before is None or before.modelled or world.aim is None:
+            return None
+        if world.metal is not None or not in_doubt(world.decisions, "powers"):
+            return None
+        as_told = replace(world, aim=replace(world.aim, log_power=np.zeros_like(world.aim.log_power)))
+        solution, view = fitted.solution, view_directions(world.ring, fitted.problem.pixel)
+        problem = replace(as_told.problem(fitted), view=view)
+        matt = solution.all_theta, solution.noise, RoughCoating, solution.threshold_prior
+        evidence = gloss_evidence(problem, *matt)
+        if not evidence.is_worth_modelling(world.terms.limit_deg):
+            return None
+        why = (
+            f"not modelled, paid for in sigma: LED powers that differ from what is told explain the events; if they are as told, "
+            f"the surface has gloss, and normals are {evidence.error_deg:.2g} degrees off"
+        )
+        answer, found = Unseen(evidence.error_deg, evidence.log_reflectance), {"z": evidence.z}
+        return Decision(self.name, False, why, evidence.error_deg, found, answer)
+
+    def model(self, world: World, decision: Decision) -> World:
+        """Leave it: no event tells it."""
+        return world

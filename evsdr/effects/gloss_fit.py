@@ -79,12 +79,15 @@ class GlossEvidence:
         What the lobe gains over a matt surface or the widest lobe, see `sample.gained`.
     error_deg : float
         Expected mean error of the normals if gloss is left out [deg].
+    log_reflectance : (n_band,) float
+        The same of log reflectances, root mean square.
     """
 
     shape: float
     strength: float
     z: float
     error_deg: float
+    log_reflectance: np.ndarray | float = 0.0
 
     def is_worth_modelling(self, least_deg: float = 0.1) -> bool:
         """Tell whether gloss is there, and spoils normals by more than `least_deg`."""
@@ -121,7 +124,9 @@ def gloss_evidence(
         sample = Sample.of(problem, pixel[there], noise, spread)
         shape, strength, _, glossy = _search(sample, kind, glossy[there], evidence.shape, evidence.strength)
         error = angular_error_deg(to_normal(matt[there]), to_normal(glossy)).mean() * there.mean()
-        evidence = GlossEvidence(shape, strength, evidence.z, float(error))
+        bands = slice(2, 2 + problem.illumination.n_band)
+        change = np.sqrt(np.mean((matt[there, bands] - glossy[:, bands]) ** 2, axis=0) * there.mean())
+        evidence = GlossEvidence(shape, strength, evidence.z, float(error), change)
     return evidence
 
 

@@ -180,6 +180,12 @@ def _last(decisions: dict[str, Decision]) -> SharedFound | None:
     return next((d.answer for d in reversed(decisions.values()) if isinstance(d.answer, SharedFound)), None)
 
 
+def in_doubt(decisions: dict[str, Decision], name: str) -> bool:
+    """Tell whether something of `rig.NAMES` that was found may as well be as told."""
+    found = _last(decisions)
+    return found is not None and name in found.inferred.doubted
+
+
 def widened(maps: Maps, decisions: dict[str, Decision]) -> Maps:
     """Add to the sigmas of maps what is left open of what pixels share, and what of it the events want but do not tell."""
     found = _last(decisions)

@@ -9,11 +9,12 @@ the surface looks flatter than it is, and never steeper than tan = k / w. What r
 material R' falls with the tilt as s does. The surer half of the pixels is asked, as normals and reflectances that are wrong err together.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from evsdr.effects.effect import Decision
+from evsdr.effects.payment import wider
 from evsdr.effects.world import Fitted, World
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps
@@ -61,12 +62,7 @@ class Translucent:
         """Add to the sigmas what maps are off by if it is true."""
         real, factor = self.real(maps.normal.astype(float))
         turn = np.degrees(np.arccos(np.clip(np.sum(real * maps.normal, axis=-1), -1, 1)))
-        change = np.abs(factor - 1)[..., None] * maps.reflectance
-        return replace(
-            maps,
-            normal_sigma_deg=np.hypot(maps.normal_sigma_deg, turn * maps.mask, dtype=np.float32),
-            reflectance_sigma=np.minimum(np.hypot(maps.reflectance_sigma, change, dtype=np.float32), 1),
-        )
+        return wider(maps, turn, np.abs(factor - 1)[..., None])
 
 
 class Translucency:
@@ -99,12 +95,6 @@ class Translucency:
     def model(self, world: World, decision: Decision) -> World:
         """Leave it: no event tells it."""
         return world
-
-
-def paid(maps: Maps, decisions: dict[str, Decision]) -> Maps:
-    """Add what translucency may be off by."""
-    decision = decisions.get(NAME)
-    return decision.answer.pay(maps) if decision and decision.answer else maps
 
 
 def ring_axis(light: Illumination) -> tuple[np.ndarray, float] | None:

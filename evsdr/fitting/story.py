@@ -10,7 +10,7 @@ from evsdr.effects import geometry
 from evsdr.effects.background import BackgroundActivity
 from evsdr.effects.blocks import sample_of
 from evsdr.effects.clock import ClockStep, SlotLength, TimeShift
-from evsdr.effects.gloss import GlossyLobes
+from evsdr.effects.gloss import GlossOrPowers, GlossyLobes
 from evsdr.effects.hot_pixels import HotPixels
 from evsdr.effects.indirect import IndirectLight
 from evsdr.effects.lag import PhotoreceptorLag
@@ -19,6 +19,7 @@ from evsdr.effects.leds import LedDirections, LedPowers
 from evsdr.effects.metal import Metal, RoughnessOfMetal
 from evsdr.effects.near_leds import DepthOfNearLeds, DistanceOfNearLeds, NearLeds
 from evsdr.effects.outline import Outline
+from evsdr.effects.payment import paid
 from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.rough import RoughMatt
@@ -26,7 +27,7 @@ from evsdr.effects.setup import SetUp, Wiring
 from evsdr.effects.shadows import Shadows, ShadowsInEvents, ShadowsOnFit, ShadowsOrGloss
 from evsdr.effects.shared import SharedFound, find_shared, widened
 from evsdr.effects.thresholds import Thresholds, ThresholdScale, ThresholdsUnderVeil
-from evsdr.effects.translucent import Translucency, paid
+from evsdr.effects.translucent import Translucency
 from evsdr.effects.world import TRIAL_RAYS, Fitted, Terms, World
 from evsdr.fitting import report
 from evsdr.fitting.checks import as_recorded, check_fit, check_room, object_mask
@@ -79,6 +80,7 @@ EFFECTS = (
     GlossyLobes(),
     ShadowsOrGloss(),
     Translucency(),
+    GlossOrPowers(),
 )
 MOST_SKETCHES = 2  # each under what the maps before tell that pixels share
 FEW = 1000  # pixels that show whether what is inferred explains them, where there is one look only; guessed

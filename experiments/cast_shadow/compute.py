@@ -23,6 +23,7 @@ WAYS = {
     "downweight": Settings(shadows="downweight"),
     "estimate": Settings(shadows="estimate"),
     "auto": Settings(),
+    "unmasked": Settings(),  # and no mask tells which pixels are the object
     "latent": Settings(shadows="latent"),
     "events": Settings(shadows="latent"),  # and nothing is traced, see `events_alone`
     "scene": Settings(shadows="scene"),
@@ -206,8 +207,10 @@ def run(case: Case, size: int, ways: Sequence[str] = tuple(WAYS)) -> list[Result
         scene = evsdr.load_scene(case.known if way == "scene" else case.told, size=size)
         with warnings.catch_warnings(), events_alone() if way == "events" else nullcontext():
             warnings.simplefilter("ignore", InputWarning)
-            fit = evsdr.fit(scene, recording, WAYS[way], truth.mask)
-        found, seconds = found_hidden(fit, shadow, truth), sum(fit.summary["seconds"].values())
+            masked = way != "unmasked"
+            fit = evsdr.fit(scene, recording, WAYS[way], truth.mask if masked else None)
+        found = found_hidden(fit, shadow, truth) if masked else None
+        seconds = sum(fit.summary["seconds"].values())
         results[way] = Result(way, fit.maps, truth, shadow.hidden, found, seconds)
     return list(results.values())
 

@@ -57,6 +57,13 @@ def test_powers_in_doubt_are_said_to_be():
     )
 
 
+def test_powers_that_tilt_or_gloss_may_be_are_warned_of():
+    """However near to what is told: a plane looks one way."""
+    near = found(log_power=np.array([0.0, 0.1, -0.1]))
+    sentence = LedPowers().warning(replace(near, inferred=replace(near.inferred, doubted=("powers",))))
+    assert "gloss" in sentence and "(by up to 10 %)" in sentence and LedPowers().warning(near) == ""
+
+
 @pytest.mark.parametrize(("off", "modelled"), [(0.03, True), (0.015, False)])
 def test_powers_that_hardly_differ_are_as_told(off, modelled):
     """However much they would turn normals: they are known to 0.01."""

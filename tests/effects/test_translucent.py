@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from evsdr.effects.effect import Decision
-from evsdr.effects.translucent import NAME, Translucency, Translucent, flattening, paid, ring_axis
+from evsdr.effects.payment import paid
+from evsdr.effects.translucent import NAME, Translucency, Translucent, flattening, ring_axis
 from evsdr.effects.world import Terms
 from evsdr.metrics import angular_error_deg
 from evsdr.records import Maps

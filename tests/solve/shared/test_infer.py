@@ -56,7 +56,6 @@ def test_sigmas_hold_what_is_not_believed_of_powers(wrong, monkeypatch):
     """All of it, if they are never believed; powers themselves are as well known as before."""
     believed = wrong.infer(("powers",))
     monkeypatch.setattr(search, "VAGUE", 0.0)
-    monkeypatch.setattr(search, "MOST_LEARNT", 0.0)
     found = wrong.infer(("powers",))
     np.testing.assert_array_equal(found.sigma.vector, believed.sigma.vector)
     assert believed.doubted == () and found.doubted == ("powers",)
