@@ -21,6 +21,11 @@ def silent(*_) -> None:
     """Tell nobody."""
 
 
+def never() -> bool:
+    """Say that there is time."""
+    return False
+
+
 @dataclass(frozen=True)
 class Plan:
     """How long the stages of a command take relative to each other, in order, so that one bar can show the whole.
@@ -99,6 +104,7 @@ class Seconds:
         self.seconds: dict[str, float] = {}
         self.progress = progress or silent
         self.enough = False
+        self._told = "", 0.0
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Callable[[str, float], bool]]:
@@ -110,7 +116,12 @@ class Seconds:
         finally:
             self.seconds[name] = time.perf_counter() - start
 
+    def ask(self) -> bool:
+        """Ask whether to end soon; there is nothing new to tell."""
+        return self._tell(*self._told)
+
     def _tell(self, what: str, share: float) -> bool:
+        self._told = what, share
         self.enough = bool(self.progress(what, share)) or self.enough
         return self.enough
 

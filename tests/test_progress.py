@@ -29,6 +29,15 @@ def test_who_is_told_may_ask_to_end_soon():
         assert advance("b", 0.5) and advance("c", 0.7) and stages.enough
 
 
+def test_who_has_nothing_new_to_tell_may_ask_all_the_same():
+    told = []
+    stages = Seconds(lambda stage, share: told.append((stage, share)) or len(told) > 3)
+    with stages.stage("one") as advance:
+        advance("a", 0.1)
+        assert not stages.ask() and stages.ask() and stages.enough
+    assert told[1:] == [("one, a", 0.1)] * 3
+
+
 def test_seconds_of_a_stage_that_fails():
     with pytest.raises(RuntimeError), Stages("count", ("one",)) as stages, stages.stage("one"):
         raise RuntimeError

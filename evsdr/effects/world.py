@@ -18,6 +18,7 @@ from evsdr.light.scene import RingScene
 from evsdr.light.tracing import trace_illumination, trace_indirect
 from evsdr.model.arrays import owned
 from evsdr.model.illumination import Illumination
+from evsdr.progress import never
 from evsdr.records import Maps, Recording
 from evsdr.solve.background import Activity, without_chance
 from evsdr.solve.pair_data import unlit_by, without
@@ -156,6 +157,8 @@ class World:
         How many events come by chance, and the first fit that tells which.
     decisions : dict of Decision
         What was decided so far.
+    enough : callable () -> bool
+        Says whether to end soon.
     """
 
     ring: RingScene
@@ -183,6 +186,7 @@ class World:
     rough: float | None = None
     background: tuple[Activity, Fitted] | None = None
     decisions: dict = field(default_factory=dict)
+    enough: Callable[[], bool] = never
 
     @classmethod
     def before_a_fit(
@@ -302,7 +306,8 @@ class World:
             problem, before = self._unhidden(fitted)
             if self.gloss is None and self.rough is None:
                 traced = self._traced(fitted, problem)
-                return find_visibility(problem, fitted.solution, before, traced, self.ring.shape_is_known)
+                given = problem, fitted.solution, before, traced, self.ring.shape_is_known
+                return find_visibility(*given, self.enough)
             untold, solution = problem.fired & ~fitted.problem.fired, self._under_lobes(fitted.solution)
             if self.gloss is None:
                 return Seen(before, solution.all_theta, untold)

@@ -173,7 +173,7 @@ def fit(
 
         recording = recording if isinstance(recording, Recording) else read_recording(recording)
         ring = scene if isinstance(scene, RingScene) else load_scene(scene)
-        plan = budget_of(settings, recording, began)
+        plan = budget_of(settings, recording, began, ring.shape_is_known)
         seconds = Seconds(plan.watch(progress or silent) if plan else progress)
         found = fit_recording(ring, recording, plan.settings if plan else settings, mask, seconds)
     more = plan.told(found.summary["stopped"]) if plan else {}

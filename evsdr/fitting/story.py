@@ -107,7 +107,8 @@ def world_of(
         _, coverage = trace_illumination(ring, TRIAL_RAYS, False, terms.seed)
         mask = object_mask(ring, coverage, wanted)
         told = ring.shape_is_known or wanted is not None
-        return decide("first", World.before_a_fit(ring, recording, mask, terms, told), None, settings)[0]
+        world = World.before_a_fit(ring, recording, mask, terms, told)
+        return decide("first", replace(world, enough=stages.ask), None, settings)[0]
 
 
 def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, Fitted, Fitted, Decoder, dict]:

@@ -3,6 +3,7 @@
 Costs are negative logarithms of likelihoods.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -10,6 +11,7 @@ import numpy as np
 
 from evsdr.frozen import no_garbage_collection
 from evsdr.model.arrays import columns, owned
+from evsdr.progress import never
 from evsdr.solve.grid import lonely_grid
 from evsdr.solve.levenberg import descend
 from evsdr.solve.loop import data_of, start_of
@@ -77,6 +79,8 @@ class Judge:
         Where that counts.
     known : bool
         Whether it was traced on a known surface.
+    enough : callable () -> bool
+        Says whether to end soon.
     """
 
     problem: Problem
@@ -86,6 +90,7 @@ class Judge:
     traced: np.ndarray | None = None
     facing: np.ndarray | None = None
     known: bool = False
+    enough: Callable[[], bool] = never
 
     def prior(self, pixel: np.ndarray, share: np.ndarray) -> np.ndarray:
         """Give what guesses cost before any event is heard: for each departure from what is traced."""
@@ -132,7 +137,9 @@ class Judge:
             theta, cost = self._fit(pixel[twice], share[:, twice], theta[twice], descents, terms)
             return theta[:1], cost[:1]
         theta, cost = theta.copy(), np.zeros(len(pixel))
-        order = np.argsort(pixel, kind="stable")  # guesses of a pixel hear the same events: side by side they do so at once
+        order = np.argsort(
+            pixel, kind="stable"
+        )  # guesses of a pixel hear the same events: side by side they do so at once
         for begin in range(0, len(pixel), AT_ONCE):
             k = order[begin : begin + AT_ONCE]
             theta[k], cost[k] = self._fit_some(pixel[k], share[:, k], theta[k], descents, terms)

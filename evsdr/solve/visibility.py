@@ -6,10 +6,12 @@ one arc in azimuth: arcs are tried first, then what the neighbours found, and sm
 """
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from evsdr.progress import never
 from evsdr.solve.coarse import lattice
 from evsdr.solve.grid import NEXT, beside, nearest
 from evsdr.solve.guesses import AT_ONCE, N_CHANGE, TOLERANCE, Guess, Judge, arcs, changes
@@ -86,6 +88,7 @@ def find_visibility(
     given: np.ndarray,
     traced: np.ndarray | None = None,
     known: bool = False,
+    enough: Callable[[], bool] = never,
 ) -> Seen:
     """Find what each pixel sees.
 
@@ -101,12 +104,14 @@ def find_visibility(
         What tracing says of it.
     known : bool
         Whether that was on a known surface, not on an estimated one.
+    enough : callable () -> bool
+        Says whether to end soon, with the best so far.
 
     Returns
     -------
     Seen
     """
-    judge = _judge(problem, solution, traced, known)
+    judge = replace(_judge(problem, solution, traced, known), enough=enough)
     pixel, share = np.arange(problem.n_pixel), np.asarray(given, np.float32)
     first = Guess(share, *judge(pixel, share, solution.all_theta, ((None, 8),)))
     count, paid = judge.pairs.counts, judge.misfit(pixel, first)
@@ -269,6 +274,8 @@ def suspects(judge: Judge, guess: Guess, excess: np.ndarray) -> np.ndarray:
 def _try_arcs(judge: Judge, best: Guess, pixel: np.ndarray, guesses: np.ndarray) -> Guess:
     """Try arcs, from what is known and from frontal normals."""
     for (theta, descents), some in itertools.product(_starts(best), _parts(pixel, len(guesses))):
+        if judge.enough():
+            break
         here, share = np.tile(some, len(guesses)), np.repeat(guesses, len(some), axis=0).T
         best = best.better(*judge.race(here, share, theta[here], descents, MOST_ARCS))
     return best
@@ -300,7 +307,7 @@ def _follow(judge: Judge, best: Guess, pixel: np.ndarray, every: int = 1) -> Gue
         last = best
         best = _try_neighbours(judge, _try_changes(judge, best, pixel), pixel, every)
         pixel = pixel[best.cost[pixel] < last.cost[pixel] - TOLERANCE]
-        if len(pixel) == 0:
+        if len(pixel) == 0 or judge.enough():
             break
     return best
 
@@ -335,6 +342,8 @@ def _try_changes(judge: Judge, best: Guess, pixel: np.ndarray) -> Guess:
     """Try small changes of what is best."""
     back = np.argsort(judge.order)
     for some in _parts(pixel, N_CHANGE):
+        if judge.enough():
+            break
         new = changes(best.share[judge.order][:, some])
         here, share = np.tile(some, len(new)), np.concatenate(new, axis=1)[back]
         differs = (share != best.share[:, here]).any(axis=0)

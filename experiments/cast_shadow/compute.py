@@ -221,8 +221,8 @@ def events_alone() -> AbstractContextManager:
 
     find = world.find_visibility
 
-    def asked(problem, solution, given, traced, known):
-        return find(problem, solution, np.ones_like(given), None, False)
+    def asked(problem, solution, given, traced, known, *rest):
+        return find(problem, solution, np.ones_like(given), None, False, *rest)
 
     return mock.patch.object(world, "find_visibility", asked)
 

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 import evsdr
 from evsdr.errors import InputError
 from evsdr.fitting import budget
-from evsdr.fitting.budget import AFTER, COST, MOST, budget_of, plan, slowness, task_seconds
+from evsdr.fitting.budget import AFTER, COST, MOST, UNKNOWN_SHAPE, budget_of, plan, slowness, task_seconds
 from evsdr.fitting.settings import Settings, check_settings
 from evsdr.progress import silent
 from evsdr.records import Events, Recording, Schedule, Sensor
@@ -31,6 +32,17 @@ def test_the_best_preset_that_fits_is_taken():
         assert found.settings.preset == name and found.expected_s == pytest.approx(seconds)
         assert planned(enough * 10, 10.0).settings.preset == name
     assert planned(0.01).settings.preset == "fast"
+
+
+def test_unknown_shapes_take_longer():
+    """But where nothing hides LEDs, as asked for."""
+    given, now = (10_000, 1_000_000), time.perf_counter()
+    settings = Settings(time_budget=1000.0), replace(Settings(time_budget=1000.0), shadows="off")
+    known, unknown, off = (
+        plan(s, *given, now, 1.0, k).expected_s
+        for s, k in ((settings[0], True), (settings[0], False), (settings[1], False))
+    )
+    assert unknown == pytest.approx(UNKNOWN_SHAPE * known) and off == known
 
 
 def test_pixels_that_fire_count(monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 from evsdr.events.pairs import pair_events
 from evsdr.model.gloss import BlinnPhong
 from evsdr.solve import visibility
-from evsdr.solve.guesses import IMPOSSIBLE
+from evsdr.solve.guesses import IMPOSSIBLE, Judge
 from evsdr.solve.problem import make_problem
 from evsdr.solve.stages import ALL_TERMS
 from evsdr.solve.unknowns import normal_sigma_deg
@@ -165,6 +165,23 @@ def test_what_is_traced_is_tried_as_it_is(shadowed, monkeypatch):
     found = find_visibility(problem, solution, given, traced)
     lit = is_lit(truth)[:, quarter]
     assert np.mean((found.share == traced)[:, quarter], where=lit) > 0.9
+
+
+def test_a_search_can_be_ended_soon(shadowed, monkeypatch):
+    """With what is known by then."""
+    problem, solution, *_ = shadowed
+    asked, fit = [], Judge._fit
+    monkeypatch.setattr(
+        Judge, "_fit", lambda judge, pixel, *rest: asked.append(pixel) or fit(judge, pixel, *rest)
+    )
+    find_visibility(problem, solution, everything(problem))
+    whole = sum(map(len, asked))
+    asked.clear()
+    given = everything(problem)
+    given[23, 0] = 0  # something is known already, so that no search is needed to tell
+    found = find_visibility(problem, solution, given, enough=lambda: True)
+    assert sum(map(len, asked)) < 0.1 * whole and found.share.shape == given.shape
+    assert np.isfinite(found.theta).all()
 
 
 def test_shadows_of_a_known_shape_leave_no_pixel_untold(shadowed, monkeypatch):
