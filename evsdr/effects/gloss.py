@@ -14,9 +14,9 @@ from evsdr.effects.world import Fitted, World
 from evsdr.light.camera import view_directions
 from evsdr.model.arrays import columns
 from evsdr.model.gloss import BlinnPhong, RoughCoating
+from evsdr.records import Maps
 from evsdr.solve.loss import scaled
 from evsdr.solve.problem import Problem
-from evsdr.records import Maps
 from evsdr.solve.solution import Solution
 
 NAME = "gloss"

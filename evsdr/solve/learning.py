@@ -52,8 +52,9 @@ class ThresholdSpread:
             loss = self.terms.loss(data)
             state = descended(data, state, loss, self.n_step, self.tolerance, self.name, progress)
             parts = split(state.terms, len(state.theta))
-            curved = curvature(data, state.theta)
-            spread = learn_spread(state.theta, *parts, state.spread, curved, fires(data), MOVING_SPREAD)
+            spread = learn_spread(
+                state.theta, *parts, state.spread, curvature(data, state.theta), MOVING_SPREAD
+            )
             moved = max(abs(float(a[0] - b[0])) for a, b in zip(spread[:2], state.spread[:2]))
             state = replace(state, spread=spread)
             if progress(self.name, (round_ + 1) / self.n_round) or moved < MEAN_SETTLED:
@@ -88,18 +89,13 @@ class Respread:
             state = measured(data, state)
             terms = evaluate(system_of(data, state, loss), state.theta)
             parts = split(terms, len(state.theta))
-            spread = learn_spread(state.theta, *parts, state.spread, curvature(data, state.theta), fires(data))
+            spread = learn_spread(state.theta, *parts, state.spread, curvature(data, state.theta))
             moved = max(abs(float(a[0] - b[0])) for a, b in zip(spread[:2], state.spread[:2]))
             state = replace(state, spread=spread)
             state = descended(data, state, loss, self.n_step, self.tolerance, self.name, progress)
             if progress(self.name, (round_ + 1) / self.n_round) or moved < MEAN_SETTLED:
                 break
         return state
-
-
-def fires(data: Data) -> np.ndarray:
-    """Say which pixels (n_pixel,) bool fire at all, see `learn_spread`."""
-    return data.pairs.counts > 0
 
 
 def curvature(data: Data, theta: list) -> np.ndarray:

@@ -32,7 +32,6 @@ def learn_spread(
     matrix: list,
     spread: list,
     curved: np.ndarray | None = None,
-    fires: np.ndarray | None = None,
     least: float = SMALLEST_SPREAD,
 ) -> list:
     """Learn mean and spread of the log thresholds over the pixels, from what the data alone say of each.
@@ -40,8 +39,6 @@ def learn_spread(
     Where the distribution pulls hard, what the data say shows in moves far smaller than those at which a descent ends. So
     each pixel first makes the step that its gradient still asks for. Where a surface is curved within a pixel the model is
     not right; what such pixels say is off by a share of the curvature, which is found with the mean.
-
-    Silent pixels are left out: each only tells that its thresholds are not small, which many take for large ones.
 
     Parameters
     ----------
@@ -53,15 +50,10 @@ def learn_spread(
         The distribution so far.
     curved : (n_pixel,) float, optional
         How curved the surface is within each pixel: the square of `model.illumination.pixel_horizon`.
-    fires : (n_pixel,) bool, optional
-        Pixels that have events; all by default.
     least : float
         Smallest standard deviation.
     """
-    some = np.arange(dr.width(theta[0])) if fires is None else np.flatnonzero(fires)
-    if not len(some):
-        return spread
-    some = some[:: max(1, len(some) // SAMPLE)]
+    some = slice(None, None, max(1, dr.width(theta[0]) // SAMPLE))
     centre, sigma = np.array([float(value[0]) for value in spread]).reshape(2, 2)
     gains = np.stack([t.numpy()[some] for t in theta[-2:]], axis=-1).astype(float)
     slope = np.stack([g.numpy()[some] for g in gradient], axis=-1).astype(float)

@@ -105,17 +105,6 @@ def test_what_curved_pixels_say_does_not_move_the_mean(rng):
     assert float(learn_spread(*given)[0][0]) < 0.02
 
 
-def test_silent_pixels_do_not_count(rng):
-    """They are most, and tell of no more than that their thresholds are large."""
-    fires = np.arange(N) % 4 == 0
-    theta, gradient, matrix = pixels(rng, np.where(fires, 0.0, 0.5)[:, None] * [1, 1], 0.02, 0.03)
-    start = first_spread(mi.Float)
-    found = [float(v[0]) for v in learn_spread(theta, gradient, matrix, start, fires=fires)]
-    assert found == pytest.approx([0, 0, 0.02, 0.02], abs=0.01)
-    assert learn_spread(theta, gradient, matrix, start, fires=np.zeros(N, bool)) is start
-    assert float(learn_spread(theta, gradient, matrix, start)[0][0]) > 0.1
-
-
 def test_what_was_found_before_is_kept():
     told = (0.1, -0.2, 0.3, 0.4)
     assert [float(v[0]) for v in first_spread(mi.Float, told)] == pytest.approx(told)

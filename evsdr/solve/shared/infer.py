@@ -55,7 +55,7 @@ class Inferred:
     normal_sigma_deg : float
         What all this leaves open of the normals, of the median pixel.
     log_reflectance_sigma : (n_band,) float
-        The same of log reflectances.
+        The same of log reflectances, with the gain of each band.
     no_lag : bool
         Whether photoreceptors are surely quicker than those of event cameras.
     lead : float
@@ -130,6 +130,7 @@ def infer(
     }
     doubted = _doubted(posterior, around)
     wide = around + _between(posterior, away, doubted)
+    open_deg, log_reflectance_sigma = _left_open(point.theta[:, : posterior.n_map], response, wide)
     sigma = np.sqrt(np.einsum("ij,jk,ik->i", posterior.basis.vectors, around, posterior.basis.vectors))
     return Inferred(
         posterior.rig(point.free),
@@ -142,7 +143,8 @@ def infer(
         {name: posterior.wanted(point, tolerance, name) for name in left},
         turn_deg(point.theta, response @ (point.free - begin)),
         n_step,
-        *_left_open(point.theta[:, : posterior.n_map], response, wide),
+        open_deg,
+        np.hypot(log_reflectance_sigma, _gain_sigma(posterior)),
         _no_lag(posterior, point, around),
         _lead(posterior, point),
         doubted,
@@ -167,6 +169,16 @@ def _between(posterior: Posterior, away: np.ndarray, doubted: tuple[str, ...]) -
     """Give the covariance (n_free, n_free) of values of which that told and that found are equally likely, and one was taken."""
     between = [np.where(posterior.basis.owner == name, away, 0) for name in doubted]
     return sum((np.outer(one, one) for one in between), np.zeros((len(away), len(away))))
+
+
+def _gain_sigma(posterior: Posterior) -> np.ndarray:
+    """Give how well the gain (n_band,) of each band is told, of the logarithm: as the mean of its LEDs, if each is told alike.
+
+    No event tells it; but how well powers are told shows in how far those of a band are from each other.
+    """
+    band, sigma = np.array(posterior.pixels.light.band), posterior.sigma[posterior.basis.owner == "powers"]
+    each = sigma.mean() if len(sigma) else 0.0
+    return each / np.sqrt(np.maximum(np.bincount(band, minlength=posterior.pixels.light.n_band), 1))
 
 
 def _known(posterior: Posterior, point: Point, tolerance: Told) -> tuple:
