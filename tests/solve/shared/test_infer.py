@@ -63,6 +63,14 @@ def test_sigmas_hold_what_is_not_believed_of_powers(wrong, monkeypatch):
     assert found.normal_sigma_deg == pytest.approx(found.turn_deg["powers"], rel=0.5)
 
 
+def test_powers_that_are_off_say_how_well_the_gain_of_a_band_is_told(wrong):
+    """No event tells that: 10 % of a power are 6 % of the mean of three."""
+    found, others = wrong.infer(("powers",)), wrong.infer(("shift",))
+    each = np.std(WRONG["log_power"]) / np.sqrt(3)
+    assert found.log_reflectance_sigma == pytest.approx(np.full(8, each), rel=0.3)
+    assert others.log_reflectance_sigma.max() < 0.3 * each
+
+
 def test_nothing_unknown_leaves_all_as_told(wrong):
     found = wrong.infer(())
     np.testing.assert_array_equal(found.rig.vector, wrong.told.vector)
