@@ -14,6 +14,9 @@ from evsdr.events.chosen import count_events
 FEWEST = 5
 GAP = 2  # dark pixels between lit ones [pixels]
 MOST = 4  # times that many of a pixel count: hot ones fire thousands
+LOOSE = (
+    0.2  # of the pixels of a mask, that are dark around what is lit, from which it may be drawn too loosely
+)
 DARK = 0.15  # of the events of a lit pixel, that those around have on average, else they come from everywhere
 
 
@@ -52,17 +55,25 @@ class Outline:
 
     def decide(self, asked: str, world: World, fitted: Fitted | None) -> Decision | None:
         """Look at which pixels fire."""
-        if world.surface.bounded:
+        if world.ring.shape_is_known:
             return None
         n_round = len(world.recording.round_start_us) - 1
         kept = outline(count_events(world.recording.events, world.mask.shape), world.mask, n_round)
         n, dark = np.count_nonzero(world.mask), np.count_nonzero(world.mask & ~kept)
+        if world.surface.bounded:
+            return self.of_mask(dark / n)
         if not dark:
             return Decision(
                 self.name, False, "none: of the rectangle that stands for the object all pixels may be lit"
             )
         why = f"as events show it: {dark} of {n} pixels stay dark around the object, and are left out"
         return Decision(self.name, True, why, found={"pixels": int(dark)}, answer=kept)
+
+    def of_mask(self, share: float) -> Decision:
+        """Let a mask be, whatever share of it is dark; but silence of what is not the object passes for large thresholds."""
+        why = f"that of the mask, of whose pixels {share:.0%} stay dark around what is lit"
+        doubt = f"{share:.0%} of the pixels of the mask stay dark around what fires; if they are not of the object, draw it closer, or leave --mask out."
+        return Decision(self.name, False, why, found={"dark": share}, doubt=doubt if share > LOOSE else "")
 
     def model(self, world: World, decision: Decision) -> World:
         """Solve what it holds."""

@@ -57,14 +57,16 @@ def test_it_reaches_the_edge_of_the_film_and_never_leaves_the_mask(rng):
     assert (outline(counts(DISK, rng), half, 6) == (DISK & half)).all()
 
 
-def test_only_an_unknown_shape_without_a_mask_has_one():
+def test_only_an_unknown_shape_has_one_and_a_mask_stays_as_it_is():
     recording, _, _, sphere = sphere_recording(24, event_noise=0.1)
 
-    def decide(mask, bounded):
-        world = SimpleNamespace(recording=recording, mask=mask, surface=SimpleNamespace(bounded=bounded))
-        return Outline().decide("auto", world, None)
+    def decide(mask, bounded, known=False):
+        parts = dict(ring=SimpleNamespace(shape_is_known=known), surface=SimpleNamespace(bounded=bounded))
+        return Outline().decide("auto", SimpleNamespace(recording=recording, mask=mask, **parts), None)
 
-    assert decide(np.ones_like(sphere), True) is None
+    assert decide(np.ones_like(sphere), True, True) is None
+    close, loose = decide(sphere, True), decide(np.ones_like(sphere), True)
+    assert not (close.modelled or loose.modelled or close.doubt) and "draw it closer" in loose.doubt
     decision = decide(np.ones_like(sphere), False)
     assert decision.modelled and decision.found["pixels"] == np.count_nonzero(~sphere)
     assert (decision.answer == sphere).all() and str(decision.found["pixels"]) in decision.why
