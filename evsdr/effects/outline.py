@@ -14,9 +14,9 @@ from evsdr.events.chosen import count_events
 FEWEST = 5
 GAP = 2  # dark pixels between lit ones [pixels]
 MOST = 4  # times that many of a pixel count: hot ones fire thousands
-LOOSE = (
-    0.2  # of the pixels of a mask, that are dark around what is lit, from which it may be drawn too loosely
-)
+# Of the pixels of a mask, that are dark around what is lit, from which it is drawn too loosely; measured on Nefertiti at 96 x 96:
+# 41 % cost nothing, 71 % half as much again of the error
+LOOSE = 0.5
 DARK = 0.15  # of the events of a lit pixel, that those around have on average, else they come from everywhere
 
 

@@ -66,7 +66,9 @@ def test_only_an_unknown_shape_has_one_and_a_mask_stays_as_it_is():
 
     assert decide(np.ones_like(sphere), True, True) is None
     close, loose = decide(sphere, True), decide(np.ones_like(sphere), True)
-    assert not (close.modelled or loose.modelled or close.doubt) and "draw it closer" in loose.doubt
+    assert not (close.modelled or loose.modelled or close.doubt or close.found["dark"])
+    assert loose.found["dark"] == pytest.approx(np.mean(~sphere))
+    assert "60% of" in Outline().of_mask(0.6).doubt and "draw it closer" in Outline().of_mask(0.6).doubt
     decision = decide(np.ones_like(sphere), False)
     assert decision.modelled and decision.found["pixels"] == np.count_nonzero(~sphere)
     assert (decision.answer == sphere).all() and str(decision.found["pixels"]) in decision.why
