@@ -29,7 +29,8 @@ LEAD = 0.2
 # quickest with sigmas of 0.4 to 2 us, as noise of 4 to 18 of its own; an EVK4 in slots of 10 s at times, too, with 6 to 8 us
 SURE = 4.0
 # Tolerances of powers and directions from which they are known hardly better than told; guessed. Measured of powers: .35 to 2 on planes
-# whose powers are not as told or seem so, .03 to .1 on spheres, blobs, reliefs and on charts under right powers, .07 to .23 on sculptures
+# whose powers are not as told or seem so, .03 to .1 on spheres, blobs, reliefs and on charts under right powers, .07 to .23 on
+# sculptures, but for a glossy one in two rounds of square LEDs 10 % off: .5
 VAGUE = 0.3
 FIRST_DAMPING, DAMPING_RANGE = 1e-3, (1e-6, 1e6)
 FIRST_STIFFNESS, MOST_STIFFNESS = 1e-2, 1e3
