@@ -36,14 +36,14 @@ class LedPowers(SharedEffect):
     def warning(self, found: SharedFound) -> str:
         """Give the largest difference, if it is more than powers can be off; or that other things can pass for such ones."""
         worst = float(np.abs(found.inferred.rig.log_power).max())
-        if worst <= WARNED * found.told.powers and self.group in found.inferred.doubted:
+        if worst > WARNED * found.told.powers:
+            return f"LED powers differ from the scene's by up to {100 * worst:.0f} %, {told_by(found, 'powers')}; calibrate them."
+        if self.group in found.inferred.doubted:
             return (
                 "the surface looks too much one way to tell LED powers from its tilt and its gloss, and powers other than told "
                 f"were found (by up to {100 * worst:.0f} %); calibrate them, or record something round under the same ring."
             )
-        if worst <= WARNED * found.told.powers:
-            return ""
-        return f"LED powers differ from the scene's by up to {100 * worst:.0f} %, {told_by(found, 'powers')}; calibrate them."
+        return ""
 
     def numbers(self, found: SharedFound) -> dict:
         """Give all factors."""
