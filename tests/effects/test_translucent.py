@@ -41,7 +41,7 @@ def test_a_fit_of_it_explains_the_same_light():
 @pytest.mark.parametrize("wrap", [0.3, 0.6])
 def test_its_wrap_is_found_and_its_normals(wrap):
     maps, normal = fit_of(wrap)
-    found, gain = flattening(maps, AXIS, COSINE)
+    found, gain, _ = flattening(maps, AXIS, COSINE)
     assert found == pytest.approx(wrap, abs=0.05) and gain > 10
     real, factor = Translucent(wrap, AXIS, COSINE).real(maps.normal.astype(float))
     assert angular_error_deg(real, normal)[maps.mask].max() < 0.1
@@ -53,9 +53,19 @@ def test_what_is_matt_or_textured_is_none():
     assert flattening(maps, AXIS, COSINE)[0] < 0.1
     maps, _ = fit_of(0.5)
     maps.reflectance[:, ::2] *= 2
-    assert flattening(maps, AXIS, COSINE) == (0.0, 0.0)
+    assert flattening(maps, AXIS, COSINE) == (0.0, 0.0, 0.0)
     maps.mask[:] = False
-    assert flattening(maps, AXIS, COSINE) == (0.0, 0.0)
+    assert flattening(maps, AXIS, COSINE) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("wrap", "texture", "named"), [(0.5, 0.1, True), (0.3, 0.2, False)])
+def test_it_is_named_where_enough_of_the_scatter_goes_with_it(wrap, texture, named):
+    maps, _ = fit_of(wrap)
+    maps.reflectance[:] *= np.exp(np.random.default_rng(1).normal(0, texture, (40, 40, 1)))
+    found, gain, _ = flattening(maps, AXIS, COSINE)
+    assert found > 0.25 and gain > 1.2
+    fitted = SimpleNamespace(maps=maps, problem=SimpleNamespace(illumination=ring_light()))
+    assert bool(Translucency().decide("auto", world_of(), fitted).doubt) == named
 
 
 def test_what_looks_steeper_than_it_could_is_none():
@@ -64,7 +74,7 @@ def test_what_looks_steeper_than_it_could_is_none():
     steep = maps.normal[..., 2] < 0.6
     assert 0.2 < np.mean(steep[maps.mask]) < 0.5
     maps.reflectance[:] *= (0.6 + 0.4 * maps.normal[..., 2])[..., None]
-    wrap, _ = flattening(maps, AXIS, COSINE)
+    wrap, *_ = flattening(maps, AXIS, COSINE)
     assert wrap < 0.2
 
 
