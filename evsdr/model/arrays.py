@@ -5,12 +5,14 @@ from dataclasses import fields, is_dataclass, replace
 import drjit as dr
 import numpy as np
 
+ALIGNMENT = 64  # bytes: the most that Dr.Jit asks of any array (drjit-core, jitc_var_mem_map)
+
 
 def owned(kind: type, values: np.ndarray):
-    """Copy NumPy values into memory of Dr.Jit's own.
+    """Copy NumPy values to where Dr.Jit reads them as it reads its own.
 
-    `kind(values)` maps NumPy's memory, which may be aligned or not; Dr.Jit compiles a kernel, and records a frozen
-    function, for either case.
+    `kind(values)` maps NumPy's memory, which is aligned or not, by chance; Dr.Jit compiles a kernel, and records a
+    frozen function, for either case.
 
     Parameters
     ----------
@@ -24,11 +26,12 @@ def owned(kind: type, values: np.ndarray):
     kind, (n)
         Evaluated. Of no values one zero is made, as kernels take no empty array.
     """
-    number = np.uint32 if kind is dr.uint32_array_t(kind) else np.float32
+    number = np.dtype(np.uint32 if kind is dr.uint32_array_t(kind) else np.float32)
     values = values if len(values) else np.zeros(1)
-    out = kind(np.array(values, number)) + dr.opaque(kind, 0)  # a copy, as the addition runs later
-    dr.eval(out)
-    return out
+    memory = np.empty(number.itemsize * len(values) + ALIGNMENT, np.uint8)
+    aligned = memory[-memory.ctypes.data % ALIGNMENT :][: number.itemsize * len(values)].view(number)
+    aligned[:] = values
+    return kind(aligned)
 
 
 def picked(tree, index):

@@ -3,6 +3,7 @@
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import pytest
 
 from evsdr.model.arrays import columns, owned, picked
 from evsdr.model.illumination import Illumination
@@ -40,3 +41,17 @@ def test_frozen_functions_are_recorded_once_for_any_memory():
     for first in range(5):
         np.testing.assert_array_equal(double(owned(mi.Float, whole[first:])), 2 * whole[first:])
     assert double.n_recordings == 1
+
+
+@pytest.mark.parametrize("kind", [mi.Float, mi.UInt32])
+@pytest.mark.parametrize("n", [1, 346])
+def test_one_kernel_for_any_memory(kind, n):
+    """NumPy's memory is aligned to 64 bytes by chance only."""
+    dr.kernel_history_clear()
+    kept = []
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        for _ in range(30):
+            kept.append(owned(kind, np.arange(n)))
+            dr.eval(kept[-1] + dr.opaque(kind, 1))
+    hashes = {kernel["hash"] for kernel in dr.kernel_history([dr.KernelType.JIT])}
+    assert len(hashes) == 1
