@@ -204,13 +204,18 @@ def glossy_regions(
 def near_half_vector(illumination: Illumination, theta: np.ndarray, view=None) -> np.ndarray:
     """Tell which pixels (n_pixel) have their normal near the half vector of an LED."""
     normal = to_normal(theta)
-    view = np.array([0.0, 0.0, 1.0]) if view is None else np.array(view).T
+    view = np.array([0.0, 0.0, 1.0]) if view is None else _rows(view)
     cosine = np.full(len(normal), -1.0)
     for direction in illumination.direction:
-        half = np.array(direction).T + view
+        half = _rows(direction) + view
         half /= np.linalg.norm(half, axis=-1, keepdims=True)
         cosine = np.maximum(cosine, np.sum(normal * half, axis=1))
     return cosine > np.cos(np.radians(NEAR_DEG))
+
+
+def _rows(vector) -> np.ndarray:
+    """Give vectors of Dr.Jit as (n, 3); `np.array(vector)` would compile a kernel for each n."""
+    return np.stack([c.numpy() for c in vector], axis=-1)
 
 
 def _some(problem: Problem, candidate: np.ndarray, most: int = N_SAMPLE) -> np.ndarray:

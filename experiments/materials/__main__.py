@@ -19,6 +19,9 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument(
         "--only", nargs="+", help='what a name must begin with, as "sphere, copper"; by default all'
     )
+    parser.add_argument(
+        "--meshes", nargs="*", default=["goathead"], metavar="NAME", help="sculptures beside the sphere: NAME.obj"
+    )
     parser.add_argument("--size", type=int, default=40, help="width and height of the images [pixels]")
     parser.add_argument("--seed", type=int, default=0, help="of the recordings")
     parser.add_argument("--preset", default="balanced", choices=("fast", "balanced", "accurate"))
@@ -27,7 +30,7 @@ def main(argv: list[str] | None = None) -> None:
     print(HEAD, "|---" * (HEAD.count("|") - 1) + "|", sep="\n", flush=True)
     results = []
     with tempfile.TemporaryDirectory() as folder:
-        for case in cases(Path(folder)):
+        for case in cases(Path(folder), options.meshes):
             if any(case.name.startswith(name) for name in options.only or [""]):
                 results.append(run(case, options.size, Settings(preset=options.preset), options.seed))
                 print(line(results[-1]), flush=True)

@@ -1,8 +1,8 @@
-"""What is recorded: materials that are not matt, and some that are, on a sphere and on a sculpture of unknown shape."""
+"""What is recorded: materials that are not matt, and some that are, on a sphere and on sculptures of unknown shape."""
 
 import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +14,7 @@ SCENES = REPOSITORY / "scenes"
 SPECTRUM = 'value="360:0.10, 450:0.15, 520:0.30, 580:0.45, 650:0.55, 830:0.60"'
 MATT = f'<bsdf type="diffuse"><spectrum name="reflectance" {SPECTRUM}/></bsdf>'
 WHITE = '<bsdf type="diffuse"><spectrum name="reflectance" value="0.8"/></bsdf>'
+WRAPS = {"translucent": 0.5, "slightly translucent": 0.3}
 N_CELL = 48  # of the volume of patches, along each side
 SIDE = 2.4  # of that volume, around the origin
 
@@ -75,8 +76,8 @@ class Case:
     metal: bool = False
 
 
-def cases(folder: Path) -> Iterator[Case]:
-    """Write the scenes into a folder, those of the sculpture where its mesh is present."""
+def cases(folder: Path, meshes: Sequence[str] = ("goathead",)) -> Iterator[Case]:
+    """Write the scenes into a folder, those of sculptures where their mesh is present."""
     write_patches(folder / "patches.vol")
     materials = {
         "matt": MATT,
@@ -86,14 +87,14 @@ def cases(folder: Path) -> Iterator[Case]:
         "copper 0.1": copper(0.1),
         "copper 0.2": copper(0.2),
         "copper 0.3": copper(0.3),
-        "translucent": MATT,
+        **dict.fromkeys(WRAPS, MATT),
         "sheen": principled(specular=0.0, roughness=1.0, sheen=1.0),
         "sheen and coating": principled(sheen=1.0),
     }
     shapes = {"sphere": ('type="sphere"', '<float name="radius" value="0.95"/>')}
-    mesh = data_folder() / "goathead.obj"
-    if mesh.is_file():
-        shapes["goathead"] = ('type="ply"', f'<string name="filename" value="{scaled(mesh, folder)}"/>')
+    for mesh in (data_folder() / f"{name}.obj" for name in meshes):
+        if mesh.is_file():
+            shapes[mesh.stem] = ('type="ply"', f'<string name="filename" value="{scaled(mesh, folder)}"/>')
     plane = '<transform name="to_world"><scale value="1.5"/></transform>'
     unknown = write(folder / "unknown.xml", 'type="rectangle"', plane + MATT)
     for shape, (kind, inside) in shapes.items():
@@ -101,7 +102,7 @@ def cases(folder: Path) -> Iterator[Case]:
         for material, bsdf in materials.items():
             name = f"{shape}, {material}"
             true = write(folder / f"{name.replace(' ', '_')}.xml", kind, inside + bsdf)
-            yield Case(name, true, told, 0.5 * (material == "translucent"), material.startswith("copper"))
+            yield Case(name, true, told, WRAPS.get(material, 0.0), material.startswith("copper"))
 
 
 def write(path: Path, kind: str, inside: str) -> Path:
