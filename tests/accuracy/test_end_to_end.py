@@ -13,7 +13,7 @@ from evsdr.metrics import angular_error_deg
 from evsdr.records import Recording, Schedule, Sensor
 from tests.support.analytic import lambert_signals, ring_directions, sphere_normals
 
-SIZE = 40
+SIZE = 32
 NOISY = ["-D", f"size={SIZE}", "--ideal", "--pixel.event-noise", "0.1"]
 
 

@@ -17,7 +17,6 @@ SIZE = 16
     ("scene", "fitted", "leds"),
     [
         ("glossy_sphere", "glossy_sphere", "ring24"),
-        ("relief", "relief_unknown", "ring24"),
         ("near_ring", "relief_unknown", "ring24_near"),
     ],
 )
@@ -30,7 +29,7 @@ def test_another_recording_adds_no_kernel(scene, fitted, leds, tmp_path):
     text, told = (SCENES / f"{fitted}.xml").read_text(), tmp_path / "told.xml"
     told.write_text(text.replace("ring24", leds).replace('filename="', f'filename="{SCENES}/'))
     surface = evsdr.load_scene(told, size=SIZE)
-    seeds, compiled = iter((0, 1)), []
+    seeds, compiled = iter((0, 2, 1)), []
 
     def note(*_):
         """Ask often, as each launch is kept with its code until then."""
@@ -43,7 +42,8 @@ def test_another_recording_adds_no_kernel(scene, fitted, leds, tmp_path):
             warnings.simplefilter("ignore", evsdr.InputWarning)
             evsdr.fit(surface, recording, evsdr.Settings(preset="fast"), progress=progress)
 
-    fit()
+    for _ in range(2):
+        fit()  # the first need not take every way
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history()
         fit(note)

@@ -13,7 +13,7 @@ from evsdr.shape.traced import traced_mesh
 from tests.conftest import REPOSITORY
 from tests.support.small_scene import DIFFUSE, SPHERE, camera, leds, scene
 
-SIZE = 40
+SIZE = 32
 SENSOR = camera(width=SIZE, height=SIZE)
 PLANE = f"""<shape type="rectangle" id="object"><transform name="to_world"><scale value="3"/></transform>
     {DIFFUSE}</shape>"""
@@ -66,7 +66,7 @@ def with_depth(depth):
 
 def test_auto_finds_the_shadows_of_an_unknown_relief(recorded, tmp_path):
     """`auto` hears them in the events, and what it then gives is much better than `off`."""
-    sensor = camera(width=56, height=56)
+    sensor = camera(width=44, height=44)
     folder = recorded("relief", scene(shape=relief(), light=LIGHT, sensor=sensor))
     unknown = scene(shape=PLANE, light=LIGHT, sensor=sensor)
     off, _ = run(folder, tmp_path, unknown, "--shadows", "off")
@@ -208,12 +208,12 @@ def warned(summary, words):
 
 def test_led_that_lights_nothing(recorded, tmp_path):
     """One LED inside the sphere, by the scene file."""
-    light = leds(12, distance=3.5)
-    folder = recorded("near", scene(light=light, sensor=SENSOR))
+    light, sensor = leds(12, distance=3.5), camera(width=16, height=16)
+    folder = recorded("small", scene(light=light, sensor=sensor))
     first = light.splitlines()[0]
     inside = first.replace('x="2.474', 'x="0.2474').replace('z="2.474', 'z="0.2474')
     assert inside != first
-    summary, _ = run(folder, tmp_path, scene(light=light.replace(first, inside), sensor=SENSOR))
+    summary, _ = run(folder, tmp_path, scene(light=light.replace(first, inside), sensor=sensor))
     warned(summary, "LED 0 lights no pixel of the object")
 
 
