@@ -7,7 +7,7 @@ import pytest
 
 from evsdr.effects.effect import Decision
 from evsdr.effects.payment import paid
-from evsdr.effects.translucent import NAME, Translucency, Translucent, flattening, ring_axis
+from evsdr.effects.translucent import NAME, Translucency, Translucent, flattening, outline_tilt, ring_axis
 from evsdr.effects.world import Terms
 from evsdr.metrics import angular_error_deg
 from evsdr.records import Maps
@@ -68,6 +68,29 @@ def test_it_is_named_where_enough_of_the_scatter_goes_with_it(wrap, texture, nam
     assert bool(Translucency().decide("auto", world_of(), fitted).doubt) == named
 
 
+@pytest.mark.parametrize(("whole", "named"), [(True, True), (False, False)])
+def test_less_is_needed_where_an_outline_looks_outward_and_not_steep(whole, named):
+    maps, _ = fit_of(0.3)
+    maps.reflectance[:] *= np.exp(np.random.default_rng(1).normal(0, 0.15, (40, 40, 1)))
+    fitted = SimpleNamespace(maps=maps, problem=SimpleNamespace(illumination=ring_light()))
+    world = world_of(mask=maps.mask if whole else np.ones_like(maps.mask))
+    doubt = Translucency().decide("auto", world, fitted).doubt
+    assert bool(doubt) == named
+    assert not doubt or "the outline looks no steeper than 58 degrees" in doubt
+
+
+def test_how_steep_an_outline_looks():
+    """Asked of those of its pixels that look outward, and of none where most look elsewhere, or few are seen."""
+    matt, _ = fit_of(0.0)
+    wrapped, _ = fit_of(0.5)
+    assert outline_tilt(matt, matt.mask, AXIS) > 75
+    edge = np.degrees(np.arctan(COSINE / 0.5))
+    assert edge - 8 < outline_tilt(wrapped, wrapped.mask, AXIS) < edge
+    assert outline_tilt(matt, np.ones_like(matt.mask), AXIS) is None
+    matt.normal[..., :2] *= -1
+    assert outline_tilt(matt, matt.mask, AXIS) is None
+
+
 def test_what_looks_steeper_than_it_could_is_none():
     """A third of the pixels as steep as no translucent surface looks, their reflectance too low by error."""
     maps, _ = fit_of(0.0)
@@ -90,7 +113,15 @@ def test_pixels_that_are_unsure_are_not_asked():
 
 def world_of(**more):
     return SimpleNamespace(
-        **({"terms": Terms(), "metal": None, "ring": SimpleNamespace(constant_light=0.1)} | more)
+        **(
+            {
+                "terms": Terms(),
+                "metal": None,
+                "ring": SimpleNamespace(constant_light=0.1),
+                "mask": np.ones((40, 40), bool),
+            }
+            | more
+        )
     )
 
 
