@@ -20,7 +20,11 @@ def main(argv: list[str] | None = None) -> None:
         "--only", nargs="+", help='what a name must begin with, as "sphere, copper"; by default all'
     )
     parser.add_argument(
-        "--meshes", nargs="*", default=["goathead"], metavar="NAME", help="sculptures beside the sphere: NAME.obj"
+        "--meshes",
+        nargs="*",
+        default=["goathead"],
+        metavar="NAME",
+        help="sculptures beside the sphere: NAME.obj",
     )
     parser.add_argument("--size", type=int, default=40, help="width and height of the images [pixels]")
     parser.add_argument("--seed", type=int, default=0, help="of the recordings")
