@@ -43,6 +43,7 @@ OUTWARD, MOST_OF_THEM = 0.8, 0.5
 # Then needed in place of LEAST_GAIN and LEAST_FALL; measured: nearly all these have 0.45 and 0.025 or more. Of matt caps that end at tilts
 # of 45 to 55 degrees, with random square texels, 5.7 % are named, 3.0 % without this
 GAIN_AT_OUTLINE, FALL_AT_OUTLINE = 0.3, 0.02
+RIM_DEG = 68.0  # true tilt of what is that steep there; measured on them: with it, wraps are found that are true on average
 BLUR = 1.5  # by which an outline's direction is seen [pixels]
 
 
@@ -100,6 +101,8 @@ class Translucency:
             return Decision(
                 NAME, False, "none: reflectance does not fall with the tilt", found={"gain": gain}
             )
+        if flat:
+            wrap = max(wrap, outline_wrap(tilt, axis[1]))  # reflectances of few pixels tell it badly
         why = f"reflectance falls with the tilt, as that of a translucent surface of wrap {wrap:.2g} does"
         why += f", and the outline looks no steeper than {tilt:.0f} degrees" if flat else ""
         doubt = (
@@ -137,6 +140,12 @@ def outline_tilt(maps: Maps, mask: np.ndarray, axis: np.ndarray) -> float | None
     if np.mean(outward) < MOST_OF_THEM:
         return None
     return float(np.quantile(np.degrees(np.arccos(np.clip(normal[outward] @ axis, -1, 1))), 0.9))
+
+
+def outline_wrap(tilt: float, cosine: float) -> float:
+    """Give the wrap under which an outline looks that steep [deg]."""
+    rim, tilt = np.radians(RIM_DEG), np.radians(tilt)
+    return float(cosine * (np.sin(rim) / np.tan(tilt) - np.cos(rim)))
 
 
 def flattening(maps: Maps, axis: np.ndarray, cosine: float) -> tuple[float, float, float]:

@@ -7,7 +7,16 @@ import pytest
 
 from evsdr.effects.effect import Decision
 from evsdr.effects.payment import paid
-from evsdr.effects.translucent import NAME, Translucency, Translucent, flattening, outline_tilt, ring_axis
+from evsdr.effects.translucent import (
+    NAME,
+    RIM_DEG,
+    Translucency,
+    Translucent,
+    flattening,
+    outline_tilt,
+    outline_wrap,
+    ring_axis,
+)
 from evsdr.effects.world import Terms
 from evsdr.metrics import angular_error_deg
 from evsdr.records import Maps
@@ -89,6 +98,19 @@ def test_how_steep_an_outline_looks():
     assert outline_tilt(matt, np.ones_like(matt.mask), AXIS) is None
     matt.normal[..., :2] *= -1
     assert outline_tilt(matt, matt.mask, AXIS) is None
+
+
+def test_an_outline_tells_the_wrap_too():
+    """The way there and back; and it is paid for where reflectances, noisy as they are, tell less."""
+    rim = np.array([np.sin(np.radians(RIM_DEG)), 0, np.cos(np.radians(RIM_DEG))]) + 0.4 / COSINE * AXIS
+    assert outline_wrap(np.degrees(np.arctan2(rim[0], rim[2])), COSINE) == pytest.approx(0.4)
+    maps, _ = fit_of(0.5)
+    maps.reflectance[:] *= Translucent(0.5, AXIS, COSINE).real(maps.normal)[1][..., None] ** 0.5
+    assert 0.2 < flattening(maps, AXIS, COSINE)[0] < 0.35
+    fitted = SimpleNamespace(maps=maps, problem=SimpleNamespace(illumination=ring_light()))
+    decision = Translucency().decide("auto", world_of(mask=maps.mask), fitted)
+    tilt = outline_tilt(maps, maps.mask, AXIS)
+    assert decision.found["wrap"] == pytest.approx(outline_wrap(tilt, COSINE), abs=1e-3)
 
 
 def test_what_looks_steeper_than_it_could_is_none():
