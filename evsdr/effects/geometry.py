@@ -9,6 +9,7 @@ from evsdr.effects.world import World
 from evsdr.errors import InputWarning
 from evsdr.light.ground_truth import object_depth, object_normals
 from evsdr.metrics import angular_error_deg
+from evsdr.model.arrays import rows
 from evsdr.records import Maps
 
 SMALL_PIECE = 0.01  # of the mask: smaller ones are noise
@@ -25,7 +26,7 @@ def check_light(world: World) -> None:
     normal = object_normals(ring).reshape(-1, 3)[pixel]
     dark = []
     for j, (direction, irradiance) in enumerate(zip(light.direction, light.irradiance)):
-        toward = np.stack([c.numpy() for c in direction], axis=-1)
+        toward = rows(direction)
         arriving = irradiance.numpy()
         toward, arriving = (v if len(v) == 1 else v[pixel] for v in (toward, arriving))
         faces = (

@@ -13,7 +13,7 @@ import numpy as np
 
 from evsdr.effects.sample import Sample, gained
 from evsdr.metrics import angular_error_deg
-from evsdr.model.arrays import owned
+from evsdr.model.arrays import owned, rows
 from evsdr.model.gloss import GlossyRing, RoughCoating
 from evsdr.model.illumination import Illumination
 from evsdr.solve.problem import Problem
@@ -204,18 +204,13 @@ def glossy_regions(
 def near_half_vector(illumination: Illumination, theta: np.ndarray, view=None) -> np.ndarray:
     """Tell which pixels (n_pixel) have their normal near the half vector of an LED."""
     normal = to_normal(theta)
-    view = np.array([0.0, 0.0, 1.0]) if view is None else _rows(view)
+    view = np.array([0.0, 0.0, 1.0]) if view is None else rows(view)
     cosine = np.full(len(normal), -1.0)
     for direction in illumination.direction:
-        half = _rows(direction) + view
+        half = rows(direction) + view
         half /= np.linalg.norm(half, axis=-1, keepdims=True)
         cosine = np.maximum(cosine, np.sum(normal * half, axis=1))
     return cosine > np.cos(np.radians(NEAR_DEG))
-
-
-def _rows(vector) -> np.ndarray:
-    """Give vectors of Dr.Jit as (n, 3); `np.array(vector)` would compile a kernel for each n."""
-    return np.stack([c.numpy() for c in vector], axis=-1)
 
 
 def _some(problem: Problem, candidate: np.ndarray, most: int = N_SAMPLE) -> np.ndarray:

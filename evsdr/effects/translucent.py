@@ -38,13 +38,13 @@ LEAST_GAIN, LEAST_WRAP, LEAST_FALL = 1.2, 0.2, 0.05
 # Tilt [deg] that a tenth of an outline's pixels exceed, of those that look outward. Measured on five sculptures (48 pixels, unknown shape):
 # 65 to 78 of matt ones, 47 to 57 of wrap 0.3, 39 to 47 of wrap 0.5
 FLAT_DEG = (38.0, 60.0)
-# Cosine; share of the outline that must be so: 0.57 to 0.83 of these sculptures
+# Cosine, guessed; share of the outline that must be so: 0.57 to 0.83 of these sculptures
 OUTWARD, MOST_OF_THEM = 0.8, 0.5
 # Then needed in place of LEAST_GAIN and LEAST_FALL; measured: nearly all these have 0.45 and 0.025 or more. Of matt caps that end at tilts
 # of 45 to 55 degrees, with random square texels, 5.7 % are named, 3.0 % without this
 GAIN_AT_OUTLINE, FALL_AT_OUTLINE = 0.3, 0.02
 RIM_DEG = 68.0  # true tilt of what is that steep there; measured on them: with it, wraps are found that are true on average
-BLUR = 1.5  # by which an outline's direction is seen [pixels]
+BLUR = 1.5  # by which an outline's direction is seen [pixels]; guessed
 
 
 @dataclass(frozen=True)

@@ -50,3 +50,8 @@ def picked(tree, index):
 def columns(kind: type, values: np.ndarray) -> list:
     """Copy the columns of an array (n, m) into m arrays of width n."""
     return [owned(kind, column) for column in values.T]
+
+
+def rows(vector) -> np.ndarray:
+    """Give vectors of Dr.Jit as an array (n, 3); `np.array(vector)` would compile a kernel for each n."""
+    return np.stack([c.numpy() for c in vector], axis=-1)
