@@ -10,7 +10,7 @@ from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import against
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps
-from evsdr.solve.shared.infer import Inferred, infer
+from evsdr.solve.shared.infer import Inferred, corrected, infer, own_bias
 from evsdr.solve.shared.pixels import Pixels, choose, collect, is_far, turned
 from evsdr.solve.shared.posterior import Start
 from evsdr.solve.shared.rig import GROUPS, Rig, Told
@@ -71,6 +71,8 @@ class SharedFound:
         Whether photoreceptors are surely quicker than those of event cameras.
     moved : (n_unknown,) float64, optional
         By how much the unknowns of the median pixel moved.
+    off : (n_free,) float64, optional
+        What was taken off as the search's own bias, see `own_bias`: once, for all that follow of it.
     """
 
     inferred: Inferred
@@ -81,6 +83,7 @@ class SharedFound:
     untold_deg: float = 0.0
     no_lag: bool = False
     moved: np.ndarray | None = None
+    off: np.ndarray | None = None
 
     def us(self, name: str) -> tuple[float, float]:
         """Give a time and its standard deviation [us]."""
@@ -136,9 +139,15 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
             # Thresholds that scatter pass for noise of up to 14, but then of photoreceptors that lead (experiments.sigma, ideal)
             noisy = found.wanted["noise"] > CLEAR_NOISE and found.wanted["tau"] > 0
             untold_deg = with_lag.turn_deg["lag"] if noisy and not no_lag else 0.0
+    off = None
+    if world.terms.thorough and world.metal is None and not (no_lag or found.rig.dark):
+        same = world.found and world.found.names == tuple(names)
+        known = world.found.off if same else None
+        off = own_bias(found, pixels, world.recording, told, tuple(names)) if known is None else known
+        found = corrected(found, off, pixels, tuple(names))
     moved = np.median(found.theta - start.theta, axis=0)
     return SharedFound(
-        found, tuple(names), told, sensor.refractory_us, pixels.slot_us, untold_deg, no_lag, moved
+        found, tuple(names), told, sensor.refractory_us, pixels.slot_us, untold_deg, no_lag, moved, off
     )
 
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from evsdr.records import Recording
 from evsdr.solve.background import Activity, least_residual
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.posterior import LEARNT, SLACK, Point, Posterior, Start
-from evsdr.solve.shared.rig import CONSIDERED, GROUPS, NAMES, TIMES, Basis, Rig, Told
+from evsdr.solve.shared.replica import replica
+from evsdr.solve.shared.rig import CONSIDERED, GROUPS, NAMES, NOT_NEGATIVE, TIMES, Basis, Rig, Told
 from evsdr.solve.shared.robust import covariance, kinds
 from evsdr.solve.unknowns import normal_sigma_deg, to_normal
 
@@ -32,6 +34,9 @@ SURE = 4.0
 # whose powers are not as told or seem so, .03 to .1 on spheres, blobs, reliefs and on charts under right powers, .07 to .23 on
 # sculptures, but for a glossy one in two rounds of square LEDs 10 % off: .5
 VAGUE = 0.3
+OWN = *TIMES, "thresholds"  # of which a search is off by something of its own
+MOST_OFF = 6.0  # standard deviations by which, at most; guessed
+UNSURE = 0.5  # of a correction, that sigmas hold; guessed
 FIRST_DAMPING, DAMPING_RANGE = 1e-3, (1e-6, 1e6)
 FIRST_STIFFNESS, MOST_STIFFNESS = 1e-2, 1e3
 
@@ -57,6 +62,8 @@ class Inferred:
         What all this leaves open of the normals, of the median pixel.
     log_reflectance_sigma : (n_band,) float
         The same of log reflectances, with the gain of each band.
+    response : (n_pixel, n, n_free) float
+        How the unknowns of pixels follow what is shared, along `Basis`.
     no_lag : bool
         Whether photoreceptors are surely quicker than those of event cameras.
     lead : float
@@ -77,6 +84,7 @@ class Inferred:
     n_step: int
     normal_sigma_deg: float
     log_reflectance_sigma: np.ndarray
+    response: np.ndarray
     no_lag: bool = False
     lead: float = 0.0
     doubted: tuple[str, ...] = ()
@@ -146,10 +154,51 @@ def infer(
         n_step,
         open_deg,
         np.hypot(log_reflectance_sigma, _gain_sigma(posterior)),
+        response,
         _no_lag(posterior, point, around),
         _lead(posterior, point),
         doubted,
     )
+
+
+def own_bias(
+    found: Inferred, pixels: Pixels, recording: Recording, tolerance: Told, names: tuple[str, ...]
+) -> np.ndarray:
+    """Give what a search is off by of times and thresholds, along `Basis.of(names)`, see `replica`.
+
+    Counted as far as it is beyond noise: as Wiener's filter has it (1949), squares over squares and noise.
+
+    Parameters
+    ----------
+    pixels : Pixels
+        Those of which it was found.
+    recording : Recording
+        Theirs.
+    tolerance, names
+        Of the search.
+    """
+    at = found.theta, found.rig, found.scatter, found.departs
+    given = Start(*at[:2], found.spread, *at[2:]), found.rig, tolerance, names
+    posterior = _posterior(replica(pixels, recording, *at), *given)
+    true = posterior.basis.vectors.T @ found.rig.vector
+    point = posterior.at(found.theta, true)
+    posterior, point, _ = _settle(replace(posterior, weigh=point.variance), point, tolerance)
+    noise = np.diag(np.linalg.inv(posterior.solve(point)[3]))
+    off = np.where(np.isin(posterior.basis.owner, OWN), point.free - true, 0)
+    most = MOST_OFF * np.abs(posterior.basis.vectors.T @ found.sigma.vector)
+    return np.clip(off**3 / (off**2 + noise), -most, most)
+
+
+def corrected(found: Inferred, off: np.ndarray, pixels: Pixels, names: tuple[str, ...]) -> Inferred:
+    """Take off what a search is off by, as `own_bias` gives it; the pixels' maps follow."""
+    basis = Basis.of(names, pixels.light.band)
+    before = basis.vectors.T @ found.rig.vector
+    after = np.where(np.isin(basis.owner, NOT_NEGATIVE), np.maximum(before - off, 0), before - off)
+    after = np.where(basis.owner == "tau", np.maximum(after, pixels.quickest), after)
+    rig = Rig.of(found.rig.vector + basis.vectors @ (after - before), pixels.light.n_led)
+    sigma = np.hypot(found.sigma.vector, UNSURE * basis.vectors @ off)
+    theta = found.theta + found.response @ (after - before)
+    return replace(found, rig=rig, sigma=Rig.of(sigma, pixels.light.n_led), theta=theta)
 
 
 def _doubted(posterior: Posterior, around: np.ndarray) -> tuple[str, ...]:
