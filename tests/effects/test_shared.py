@@ -100,7 +100,8 @@ class RealWorld(SmallWorld):
     """With what an inference looks at."""
 
     decisions: dict = field(default_factory=dict)
-    found, ring, background, clock_us, distance_is_unknown = None, None, None, 0.0, False
+    found: object = None
+    ring, background, clock_us, distance_is_unknown = None, None, 0.0, False
 
     @property
     def memo(self):
@@ -122,6 +123,20 @@ def test_what_pixels_share_is_found_once():
     decision = LedPowers().decide("auto", world, fitted)
     assert decision.modelled and decision.answer is answer and decision.expected_deg > 0.3
     assert np.std(np.log(decision.found["power_factor"]) - power_errors()) < 0.02
+
+
+@pytest.mark.parametrize("thorough", [True, False])
+def test_a_search_takes_off_its_own_bias_once(thorough, monkeypatch):
+    """What follows from what was found has the same taken off; the preset fast takes nothing off."""
+    asked, asks = [], shared.own_bias
+    monkeypatch.setattr(shared, "own_bias", lambda *given: asked.append(1) or asks(*given))
+    case = Case.sphere(size=18, cutoff_hz=3000.0, photon_rate_per_us=100.0, event_noise=0.05)
+    world, fitted = given(case)
+    world = replace(world, terms=replace(world.terms, thorough=thorough))
+    first = find_shared(world, fitted)
+    again = shared._infer(replace(world, found=first), fitted)
+    assert len(asked) == thorough
+    assert again.off is first.off and (first.off is not None and first.off.any()) == thorough
 
 
 def test_an_untold_refractory_period_is_found():

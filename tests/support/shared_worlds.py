@@ -30,9 +30,8 @@ def found(turn_deg=0.2, told=Told(), names=NAMES, **values) -> SharedFound:
     } | values
     sigma = Rig.of(np.full(3 * N_LED + N_TIMING, 0.01), N_LED)
     turn = dict.fromkeys(GROUPS, turn_deg)
-    inferred = Inferred(
-        rig(**values), sigma, np.zeros((0, 2)), np.ones(2), 0.1, 0.0, turn, {}, 0.0, 1, 0.3, np.full(1, 0.02)
-    )
+    none = np.zeros((0, 2)), np.ones(2), 0.1, 0.0, turn, {}, 0.0, 1
+    inferred = Inferred(rig(**values), sigma, *none, 0.3, np.full(1, 0.02), np.zeros((0, 2, 0)))
     return SharedFound(inferred, names, told, 50.0, SLOT_US)
 
 

@@ -12,7 +12,7 @@ from evsdr.records import Recording
 from evsdr.solve.background import Activity, least_residual
 from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.posterior import LEARNT, SLACK, Point, Posterior, Start
-from evsdr.solve.shared.replica import replica
+from evsdr.solve.shared.replica import replica, takes_long
 from evsdr.solve.shared.rig import CONSIDERED, GROUPS, NAMES, NOT_NEGATIVE, TIMES, Basis, Rig, Told
 from evsdr.solve.shared.robust import covariance, kinds
 from evsdr.solve.unknowns import normal_sigma_deg, to_normal
@@ -177,12 +177,16 @@ def own_bias(
     tolerance, names
         Of the search.
     """
+    if takes_long(pixels, recording, found.theta, found.rig):
+        return np.zeros(len(Basis.of(names, pixels.light.band).owner))
     at = found.theta, found.rig, found.scatter, found.departs
     given = Start(*at[:2], found.spread, *at[2:]), found.rig, tolerance, names
     posterior = _posterior(replica(pixels, recording, *at), *given)
     true = posterior.basis.vectors.T @ found.rig.vector
     point = posterior.at(found.theta, true)
-    posterior, point, _ = _settle(replace(posterior, weigh=point.variance), point, tolerance)
+    damped = Damping(np.full(len(point.theta), FIRST_DAMPING))
+    posterior = replace(posterior, weigh=point.variance)
+    point, *_ = _descend(posterior, posterior.again(point), damped)
     noise = np.diag(np.linalg.inv(posterior.solve(point)[3]))
     off = np.where(np.isin(posterior.basis.owner, OWN), point.free - true, 0)
     most = MOST_OFF * np.abs(posterior.basis.vectors.T @ found.sigma.vector)

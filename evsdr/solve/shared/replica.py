@@ -16,8 +16,19 @@ from evsdr.records import Events, Recording
 from evsdr.solve.shared.pixels import Pixels, events_of
 from evsdr.solve.shared.rig import Rig
 
-SHORTEST_US, LEAST_NOISE = 0.5, 1e-4  # of a lag, and of its noise, that is simulated; guessed: less changes no event
+SHORTEST_US, LEAST_NOISE = (
+    0.5,
+    1e-4,
+)  # of a lag, and of its noise, that is simulated; guessed: less changes no event
+LONGEST = 1e7  # time constants that pass, under the brightest light: a second of work where photoreceptors are noisy; measured
 WIDEST = 0.4  # scatter of the thresholds that is simulated; guessed
+
+
+def takes_long(pixels: Pixels, recording: Recording, theta: np.ndarray, rig: Rig) -> bool:
+    """Tell whether noise of photoreceptors would take long to simulate: arguments as of `replica`."""
+    brightest = pixels.signals(theta[:, : 2 + pixels.light.n_band], rig)[:, 0].max()
+    slots = _n_round(recording) * len(recording.schedule.order)
+    return rig.tau > 0 and brightest * slots / rig.tau > LONGEST
 
 
 def replica(
@@ -62,9 +73,7 @@ def replica(
     schedule = replace(recording.schedule, start_us=0.0)
     round_us, n_round = slot_us * len(schedule.order), _n_round(recording)
     veil = float(pixels.light.constant_light[0])
-    fired = find_crossings(
-        np.ascontiguousarray(signals.T)[:, None], veil, schedule, n_round, pixel, fixed
-    )
+    fired = find_crossings(np.ascontiguousarray(signals.T)[:, None], veil, schedule, n_round, pixel, fixed)
     t = np.rint(fired.t_us + rig.shift * slot_us).astype(np.int64)
     order = np.argsort(t, kind="stable")
     x, p = fired.pixel[order].astype(np.uint16), (fired.polarity[order] > 0).astype(recording.events.p.dtype)
