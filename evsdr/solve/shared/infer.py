@@ -199,6 +199,7 @@ def corrected(found: Inferred, off: np.ndarray, pixels: Pixels, names: tuple[str
     before = basis.vectors.T @ found.rig.vector
     after = np.where(np.isin(basis.owner, NOT_NEGATIVE), np.maximum(before - off, 0), before - off)
     after = np.where(basis.owner == "tau", np.maximum(after, pixels.quickest), after)
+    after = np.where(basis.owner == "refractory", np.minimum(after, pixels.shortest), after)
     rig = Rig.of(found.rig.vector + basis.vectors @ (after - before), pixels.light.n_led)
     sigma = np.hypot(found.sigma.vector, UNSURE * basis.vectors @ off)
     theta = found.theta + found.response @ (after - before)

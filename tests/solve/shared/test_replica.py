@@ -113,8 +113,10 @@ def test_maps_follow_and_leds_stay(case, found, off):
     np.testing.assert_array_equal(same.rig.vector, found.rig.vector)
 
 
-def test_no_correction_makes_times_negative(case, found):
+def test_no_correction_makes_times_negative_or_longer_than_any_gap(case, found):
     basis = Basis.of(MOST, case.pixels.light.band)
     far = np.where(np.isin(basis.owner, ("tau", "noise", "refractory")), 1.0, 0.0)
     rig = corrected(found, far, case.pixels, MOST).rig
     assert rig.noise == 0 and rig.refractory == 0 and rig.tau == pytest.approx(case.pixels.quickest)
+    longer = corrected(found, np.where(basis.owner == "refractory", -1.0, 0.0), case.pixels, MOST).rig
+    assert longer.refractory == pytest.approx(case.pixels.shortest)
