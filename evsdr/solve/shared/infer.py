@@ -177,11 +177,11 @@ def own_bias(
     tolerance, names
         Of the search.
     """
-    if takes_long(pixels, recording, found.theta, found.rig):
-        return np.zeros(len(Basis.of(names, pixels.light.band).owner))
     at = found.theta, found.rig, found.scatter, found.departs
-    given = Start(*at[:2], found.spread, *at[2:]), found.rig, tolerance, names
-    posterior = _posterior(replica(pixels, recording, *at), *given)
+    new = None if takes_long(pixels, recording, *at[:2]) else replica(pixels, recording, *at)
+    if new is None:
+        return np.zeros(len(Basis.of(names, pixels.light.band).owner))
+    posterior = _posterior(new, Start(*at[:2], found.spread, *at[2:]), found.rig, tolerance, names)
     true = posterior.basis.vectors.T @ found.rig.vector
     point = posterior.at(found.theta, true)
     damped = Damping(np.full(len(point.theta), FIRST_DAMPING))

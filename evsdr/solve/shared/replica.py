@@ -39,7 +39,7 @@ def replica(
     scatter: float,
     departs: float,
     seed: int = 0,
-) -> Pixels:
+) -> Pixels | None:
     """Give the same pixels with events simulated at some values.
 
     Parameters
@@ -49,6 +49,11 @@ def replica(
         Theirs, of which the replica has the rounds, one after the other.
     theta, rig, scatter, departs
         See `posterior.Start`. A dark current is not simulated.
+
+    Returns
+    -------
+    Pixels
+        None if none of them fires.
     """
     rng, n_map, slot_us = np.random.default_rng(seed), 2 + pixels.light.n_band, pixels.slot_us
     n, n_led = len(theta), pixels.light.n_led
@@ -74,6 +79,8 @@ def replica(
     round_us, n_round = slot_us * len(schedule.order), _n_round(recording)
     veil = float(pixels.light.constant_light[0])
     fired = find_crossings(np.ascontiguousarray(signals.T)[:, None], veil, schedule, n_round, pixel, fixed)
+    if len(fired.t_us) == 0:
+        return None
     t = np.rint(fired.t_us + rig.shift * slot_us).astype(np.int64)
     order = np.argsort(t, kind="stable")
     x, p = fired.pixel[order].astype(np.uint16), (fired.polarity[order] > 0).astype(recording.events.p.dtype)

@@ -80,6 +80,8 @@ def test_pixels_that_fire_no_event_tell_nothing(case, found):
     assert new.events[0][3] == new.events[0][4]
     dim = replace(found, theta=dark)
     assert np.isfinite(own_bias(dim, case.pixels, case.recording, Told(), MOST)).all()
+    none = replace(found, theta=np.where(np.arange(dark.shape[1]) < 2, dark, -12))
+    assert not own_bias(none, case.pixels, case.recording, Told(), MOST).any()
 
 
 def test_what_would_take_long_is_left_out(case, found):
