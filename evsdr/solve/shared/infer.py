@@ -11,9 +11,9 @@ import numpy as np
 from evsdr.records import Recording
 from evsdr.solve.background import Activity, least_residual
 from evsdr.solve.shared.pixels import Pixels
-from evsdr.solve.shared.posterior import LEARNT, SLACK, Point, Posterior, Start
+from evsdr.solve.shared.posterior import LEARNT, SLACK, Point, Posterior, Start, bounded
 from evsdr.solve.shared.replica import replica, takes_long
-from evsdr.solve.shared.rig import CONSIDERED, GROUPS, NAMES, NOT_NEGATIVE, TIMES, Basis, Rig, Told
+from evsdr.solve.shared.rig import CONSIDERED, GROUPS, NAMES, TIMES, Basis, Rig, Told
 from evsdr.solve.shared.robust import covariance, kinds
 from evsdr.solve.unknowns import normal_sigma_deg, to_normal
 
@@ -197,9 +197,7 @@ def corrected(found: Inferred, off: np.ndarray, pixels: Pixels, names: tuple[str
     """Take off what a search is off by, as `own_bias` gives it; the pixels' maps follow."""
     basis = Basis.of(names, pixels.light.band)
     before = basis.vectors.T @ found.rig.vector
-    after = np.where(np.isin(basis.owner, NOT_NEGATIVE), np.maximum(before - off, 0), before - off)
-    after = np.where(basis.owner == "tau", np.maximum(after, pixels.quickest), after)
-    after = np.where(basis.owner == "refractory", np.minimum(after, pixels.shortest), after)
+    after = bounded(before - off, basis, pixels)
     rig = Rig.of(found.rig.vector + basis.vectors @ (after - before), pixels.light.n_led)
     sigma = np.hypot(found.sigma.vector, UNSURE * basis.vectors @ off)
     theta = found.theta + found.response @ (after - before)

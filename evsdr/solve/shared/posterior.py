@@ -241,15 +241,8 @@ class Posterior:
         return lsq_linear(root, root @ (unit * step), (unit * least, unit * most), method="bvls").x / unit
 
     def bounded(self, free: np.ndarray) -> np.ndarray:
-        """Keep what is shared to what can be: no negative times, no lag that is none, no refractory period longer than any gap."""
-        owner = self.basis.owner
-        least = np.where(np.isin(owner, NOT_NEGATIVE), 0, -np.inf)
-        least = np.where(owner == "tau", self.pixels.quickest, least)
-        most = np.where(owner == "refractory", self.pixels.shortest, np.inf)
-        if self.pixels.nearer:
-            reach = np.where(owner == "distance", self.pixels.nearer.reach, np.inf)
-            least, most = np.maximum(least, -reach), np.minimum(most, reach)
-        return np.clip(free, least, most)
+        """Keep what is shared to what can be."""
+        return bounded(free, self.basis, self.pixels)
 
     def lacks_lag(self, point: Point) -> bool:
         """Tell whether photoreceptors are as quick as can be."""
@@ -339,6 +332,18 @@ class Posterior:
                 square = np.sum((point.free - self.centre)[of] ** 2) + self.told_sigma[of][0] ** 2
                 sigma[of] = np.minimum(np.sqrt(square / (known + 1)), MOST_LEARNT * self.told_sigma[of])
         return sigma
+
+
+def bounded(free: np.ndarray, basis: Basis, pixels: Pixels) -> np.ndarray:
+    """Keep what is shared to what can be: no negative times, no lag that is none, no refractory period longer than any gap."""
+    owner = basis.owner
+    least = np.where(np.isin(owner, NOT_NEGATIVE), 0, -np.inf)
+    least = np.where(owner == "tau", pixels.quickest, least)
+    most = np.where(owner == "refractory", pixels.shortest, np.inf)
+    if pixels.nearer:
+        reach = np.where(owner == "distance", pixels.nearer.reach, np.inf)
+        least, most = np.maximum(least, -reach), np.minimum(most, reach)
+    return np.clip(free, least, most)
 
 
 def stiffened(complement: np.ndarray, stiffness: float) -> np.ndarray:

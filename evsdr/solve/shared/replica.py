@@ -16,10 +16,8 @@ from evsdr.records import Events, Recording
 from evsdr.solve.shared.pixels import Pixels, events_of
 from evsdr.solve.shared.rig import Rig
 
-SHORTEST_US, LEAST_NOISE = (
-    0.5,
-    1e-4,
-)  # of a lag, and of its noise, that is simulated; guessed: less changes no event
+SHORTEST_US = 0.5  # of a lag that is simulated; guessed: less changes no event
+LEAST_NOISE = 1e-4  # the same of its noise; guessed
 LONGEST = 1e7  # time constants that pass, under the brightest light: a second of work where photoreceptors are noisy; measured
 WIDEST = 0.4  # scatter of the thresholds that is simulated; guessed
 
