@@ -98,6 +98,26 @@ def light_at(at, light, crossfade):
 
 
 @njit(cache=True, error_model="numpy")
+def change_at(at, light, crossfade):
+    """Give dI/dt at a position, per slot."""
+    slot = min(int(at), len(light) - 1)
+    if crossfade == 0 or at - slot < 1 - crossfade:
+        return 0.0
+    return (light[(slot + 1) % len(light)] - light[slot]) / crossfade
+
+
+@njit(cache=True, error_model="numpy")
+def rest_before(at, light, crossfade, nodes):
+    """Give v and log I - v where light last ended to rest before a position; it never does if it always fades."""
+    if crossfade >= 1:
+        return np.inf, np.inf
+    slot = min(int(at), len(light) - 1)
+    fades = crossfade > 0 and at - slot > 1 - crossfade
+    k = slot if fades else (slot - 1) % len(light)
+    return np.log(light[k]) - nodes[k, 1], nodes[k, 1]
+
+
+@njit(cache=True, error_model="numpy")
 def own_rate(at, light, tau, dark, crossfade):
     """Give the rate of a receptor's own time at a position."""
     return (light_at(at, light, crossfade) + dark) / tau
