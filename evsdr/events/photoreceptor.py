@@ -6,7 +6,16 @@ import numpy as np
 from numba import njit
 
 from evsdr.events.lead import TABLE, kept, lead_of
-from evsdr.events.receptor import MOST_NODES, change_at, follow, late_at, light_at, own_rate, rest_before, shown_at
+from evsdr.events.receptor import (
+    MOST_NODES,
+    change_at,
+    follow,
+    late_at,
+    light_at,
+    own_rate,
+    rest_before,
+    shown_at,
+)
 from evsdr.threads import N_CHUNK, in_chunks
 
 SHORTEST = 1e-6  # time constant: faster ones show the light of now
@@ -129,9 +138,9 @@ def _shown(
                 own = own_rate(at, here, tau, dark, crossfade)
                 if end == 0:
                     turning = change_at(at, here, crossfade) / (light_at(at, here, crossfade) * own)
-                    rest, late_then = rest_before(at, here, crossfade, nodes)
+                    rest, late_at_rest = rest_before(at, here, crossfade, nodes)
                     moved = out[6, k] - rest
-                    ahead, _, velocity = lead_of(lead, noise, late, turning, moved, late_then, 0.0)
+                    ahead, _, velocity = lead_of(lead, noise, late, turning, moved, late_at_rest, 0.0)
                     out[2, k] = polarity[k] * noise * ahead
                 else:
                     level, share = kept(refractory * own, 0.0)

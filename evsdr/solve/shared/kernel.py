@@ -17,7 +17,16 @@ import numpy as np
 from numba import njit
 
 from evsdr.events.lead import kept, lead_of, poles_of
-from evsdr.events.receptor import MOST_NODES, change_at, follow, late_at, light_at, phase_at, rest_before, shown_at
+from evsdr.events.receptor import (
+    MOST_NODES,
+    change_at,
+    follow,
+    late_at,
+    light_at,
+    phase_at,
+    rest_before,
+    shown_at,
+)
 from evsdr.solve.law import GAUSS, SHARE, SLOWEST, STUDENT
 from evsdr.solve.shared.rig import N_TIMING
 from evsdr.threads import N_CHUNK, in_chunks
@@ -265,9 +274,7 @@ def _run(
                 speed_0 = late_0 * own
                 by_level, by_velocity = _change_of_kept(refractory * own, pole)
                 fading = before * told_noise * (by_level * noise[0, 0] + by_velocity * noise[0, 1])
-                by_shift = (
-                    -late_0 * own - fading * refractory * change_at(start, light, crossfade) / tau
-                )
+                by_shift = -late_0 * own - fading * refractory * change_at(start, light, crossfade) / tau
                 by_refractory = fading * own - by_shift
             late, log_now, own, turning, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
             side = 0 if p > 0 else 1
@@ -280,10 +287,10 @@ def _run(
                     lates[1, q] = late
                     turning = change_at(fired, light, crossfade) / (math.exp(log_now) * own)
                     if told_noise > 0:
-                        rest, late_then = rest_before(fired, light, crossfade, nodes[q])
+                        rest, late_at_rest = rest_before(fired, light, crossfade, nodes[q])
                         moved = log_now - late - rest
                         noise[q, 0], spread_now, noise[q, 1] = lead_of(
-                            lead, told_noise, late, turning, moved, late_then, pole
+                            lead, told_noise, late, turning, moved, late_at_rest, pole
                         )
                     met[q] = log_now - late + p * told_noise * noise[q, 0]
                     rarity[q] = _rarity(p, late + leak / own, own, slowest)
@@ -292,10 +299,10 @@ def _run(
                         met[q] += p * told_noise * (noise[0, 0] - noise[q, 0])
                         noise[q] = noise[0]
                 for q in others:
-                    rest, late_then = rest_before(fired, light, crossfade, nodes[0])
+                    rest, late_at_rest = rest_before(fired, light, crossfade, nodes[0])
                     moved = log_now - late - rest
                     noise[q, 0], _, noise[q, 1] = lead_of(
-                        lead, values[q, NOISE], late, turning, moved, late_then, values[q, POLE]
+                        lead, values[q, NOISE], late, turning, moved, late_at_rest, values[q, POLE]
                     )
                     met[q] = log_now - late + p * values[q, NOISE] * noise[q, 0]
             spread = spread_now
