@@ -8,6 +8,8 @@ import sys
 from importlib.machinery import PathFinder
 from pathlib import Path
 
+from evsdr.stale import forget_stale
+
 __version__ = "0.1.0"
 
 _HOME = {
@@ -60,3 +62,5 @@ class _Beside:
 
 if (_Beside.checkout / "pyproject.toml").is_file():  # a wheel carries them inside the package
     sys.meta_path.insert(0, _Beside)
+
+forget_stale(Path(__file__).resolve().parent)
