@@ -49,6 +49,7 @@ class Watched:
     rounds : int
     white : bool
         Whether all LEDs have one spectrum.
+    crossfade : float
     pixel : EventPixel
         By default that of an EVK4.
     """
@@ -56,6 +57,7 @@ class Watched:
     slot_us: float = 20_000.0
     rounds: int = 6
     white: bool = False
+    crossfade: float = 1.0
     pixel: EventPixel = field(default_factory=EventPixel)
 
 
@@ -100,6 +102,7 @@ CASES = (
     Case("slots of 5 ms", Watched(5_000.0)),
     Case("slots of 2 ms", Watched(2_000.0)),
     Case("slots of 200 ms", Watched(200_000.0, 2)),
+    Case("LEDs that switch", Watched(crossfade=0.0)),
     Case("white LED, 1.2 s a round", WHITE),
     Case("white LED, noise 0.03", replace(WHITE, pixel=EventPixel(photon_rate_per_us=10.0))),
     Case("powers 10 % off", wrong=Wrong(power=ALL_WRONG.power)),
@@ -196,7 +199,7 @@ def run(case: Case, scene: str, size: int, seed: int) -> Result:
 def record(watched: Watched, scene: str, size: int, seed: int) -> tuple[Recording, Recording, Truth]:
     """Give a recording that tells thresholds as one value, the same with those of each pixel, and the truth."""
     ring = opened(scene, size, watched.white)
-    schedule = Schedule(np.arange(ring.leds.n_led, dtype=np.int32), watched.slot_us, 1.0)
+    schedule = Schedule(np.arange(ring.leds.n_led, dtype=np.int32), watched.slot_us, watched.crossfade)
     recording, truth = simulate(ring, watched.pixel, schedule, watched.rounds, seed)
     one_value = replace(
         recording.sensor,
