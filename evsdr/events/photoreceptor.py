@@ -137,10 +137,10 @@ def _shown(
                     continue
                 own = own_rate(at, here, tau, dark, crossfade)
                 if end == 0:
-                    turning = change_at(at, here, crossfade) / (light_at(at, here, crossfade) * own)
+                    rests = change_at(at, here, crossfade) == 0
                     rest, late_at_rest = rest_before(at, here, crossfade, nodes)
                     moved = out[6, k] - rest
-                    ahead, _, velocity = lead_of(lead, noise, late, turning, moved, late_at_rest, 0.0)
+                    ahead, _, velocity = lead_of(lead, noise, late, rests, moved, late_at_rest, 0.0)
                     out[2, k] = polarity[k] * noise * ahead
                 else:
                     level, share = kept(refractory * own, 0.0)

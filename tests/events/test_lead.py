@@ -47,7 +47,7 @@ def first_meetings(kappa, poles):
 @pytest.mark.parametrize("kappa", [0.1, 1.0, 6.0, 30.0, 300.0])
 def test_the_lead_is_that_of_two_poles(kappa, poles):
     lead, _ = first_meetings(kappa, poles)
-    mean, variance, _ = read_lead(TABLE, kappa, 0.0, math.log((poles - 1) / (POLES - 1)))
+    mean, variance, _ = read_lead(TABLE, kappa, False, math.log((poles - 1) / (POLES - 1)))
     assert mean == pytest.approx(lead.mean(), abs=0.24)
     assert math.sqrt(variance) == pytest.approx(lead.std(), abs=0.07)
 
@@ -56,18 +56,18 @@ def test_the_lead_is_that_of_two_poles(kappa, poles):
 def test_noise_that_meets_a_level_rises(kappa):
     """The formula is the mean of all meetings, not only of first ones."""
     _, velocity = first_meetings(kappa, POLES)
-    _, _, told = read_lead(TABLE, kappa, 0.0, 0.0)
+    _, _, told = read_lead(TABLE, kappa, False, 0.0)
     assert told == pytest.approx(velocity.mean(), abs=0.2)
 
 
 def test_slow_levels_are_met_early_and_fast_ones_as_noise_stands():
-    mean = [read_lead(TABLE, kappa, 0.0, 0.0)[0] for kappa in (1e-9, 0.01, 1.0, 100.0, 1e6, 1e20)]
+    mean = [read_lead(TABLE, kappa, False, 0.0)[0] for kappa in (1e-9, 0.01, 1.0, 100.0, 1e6, 1e20)]
     assert mean[0] == mean[1] == pytest.approx(0, abs=0.02) and np.all(np.diff(mean[1:]) > 0.2)
-    assert mean[-1] == pytest.approx(read_lead(TABLE, 10**MOVING, 0.0, 0.0)[0])
-    assert read_lead(TABLE, 1e20, 0.0, 0.0)[2] == pytest.approx(
+    assert mean[-1] == pytest.approx(read_lead(TABLE, 10**MOVING, False, 0.0)[0])
+    assert read_lead(TABLE, 1e20, False, 0.0)[2] == pytest.approx(
         np.sqrt(POLES * np.pi / 2), rel=1e-6
     )  # Rayleigh's
-    assert read_lead(TABLE, 0.01, 0.0, 0.0)[2] == pytest.approx(
+    assert read_lead(TABLE, 0.01, False, 0.0)[2] == pytest.approx(
         POLES * 0.01, rel=0.01
     )  # all that move are met
 
@@ -121,10 +121,10 @@ def test_a_level_that_comes_to_rest_is_met_later_than_a_steady_one_of_its_speed(
     ends = np.array([0.5, 2.5, 3.5, 5.5, 6.5, 9.5, 10.5, 29.5, 30.5])
     mean, scatter = (found[2::2] for found in leads_after_a_jump(jump, 0.0, ends))
     kappa = np.exp([3.0, 6.0, 10.0, 30.0]) / jump
-    told = np.array([read_lead(TABLE, k, 1.0, 0.0)[:2] for k in kappa])
+    told = np.array([read_lead(TABLE, k, True, 0.0)[:2] for k in kappa])
     np.testing.assert_allclose(told[:, 0], mean, atol=0.12)
     np.testing.assert_allclose(np.sqrt(told[:, 1]), scatter, atol=0.1)
-    assert read_lead(TABLE, kappa[1], 0.0, 0.0)[0] > mean[1] + 0.3
+    assert read_lead(TABLE, kappa[1], False, 0.0)[0] > mean[1] + 0.3
 
 
 @pytest.mark.parametrize("jump", [3.0, 20.0])
@@ -134,11 +134,11 @@ def test_levels_that_were_near_at_rest_have_been_met(jump):
     mean, scatter = (found[1::2] for found in leads_after_a_jump(jump, rest, ends))
     for k, t in enumerate((0.1, 0.4)):
         left = jump * math.exp(-t)
-        told = lead_of(TABLE, noise, left * noise, 0.0, (jump - left) * noise, late * noise, 0.0)
+        told = lead_of(TABLE, noise, left * noise, True, (jump - left) * noise, late * noise, 0.0)
         assert told[0] == pytest.approx(mean[k], abs=0.2)
         assert math.sqrt(told[1]) == pytest.approx(scatter[k], abs=0.15)
-    always = lead_of(TABLE, noise, left * noise, 0.0, np.inf, np.inf, 0.0)
-    assert always == read_lead(TABLE, 1 / left, 1.0, 0.0)
+    always = lead_of(TABLE, noise, left * noise, True, np.inf, np.inf, 0.0)
+    assert always == read_lead(TABLE, 1 / left, True, 0.0)
     assert told[0] > always[0] + 0.1 or jump > 10  # far beyond what was at rest nothing is left of that
 
 
@@ -149,18 +149,15 @@ def test_noise_is_kept_as_its_poles_say(own_time):
 
 
 def test_how_fast_a_threshold_comes_nearer_is_told_by_the_lag():
-    noise, steady, always = 0.01, 0.02, (np.inf, np.inf)
-    for sign in (1, -1):
-        late = sign * steady
-        assert lead_of(TABLE, noise, late, late, *always, 0.0) == read_lead(TABLE, 0.5, 0.0, 0.0)
-        assert lead_of(TABLE, noise, late, 0.0, *always, 0.0) == read_lead(TABLE, 0.5, 1.0, 0.0)
-        assert lead_of(TABLE, noise, late, late / 2, *always, 0.0) == read_lead(TABLE, 0.5, 0.5, 0.0)
-        assert lead_of(TABLE, noise, late, 3 * late, *always, 0.0) == read_lead(TABLE, 0.5, 0.0, 0.0)
+    for late in (0.02, -0.02):
+        for rests in (False, True):
+            told = lead_of(TABLE, 0.01, late, rests, np.inf, np.inf, 0.0)
+            assert told == read_lead(TABLE, 0.5, rests, 0.0)
 
 
 def test_the_longer_light_rests_the_later_levels_are_met():
     """In proportion to its own time, not without end: of steady levels only so slow ones are known."""
-    lead = [read_lead(TABLE, math.exp(own), 1.0, 0.0)[0] for own in (1.0, 10.0, 30.0, 100.0, 600.0)]
+    lead = [read_lead(TABLE, math.exp(own), True, 0.0)[0] for own in (1.0, 10.0, 30.0, 100.0, 600.0)]
     assert np.all(np.diff(lead) > 0.2) and lead[-1] < 4
-    assert read_lead(TABLE, 1e305, 1.0, 0.0)[0] == read_lead(TABLE, 10**LARGEST, 1.0, 0.0)[0]
+    assert read_lead(TABLE, 1e305, True, 0.0)[0] == read_lead(TABLE, 10**LARGEST, True, 0.0)[0]
     assert np.isfinite(TABLE).all() and TABLE.shape[2] > (MOVING - SMALLEST) * 8

@@ -174,7 +174,7 @@ def pixel_sums(
         tau (above 0), dark current, noise, shift, refractory period, leak and pole, times in slots; then one of `STIRRED`
         after the other moved a little, for derivatives, or not, for none.
     terms : Terms
-    lead : (2, n_slowing, n_kappa) float64
+    lead : (2, 2, n_kappa) float64
         `lead.TABLE`.
     weigh : (n_event,) float64
         Variance of u by the photoreceptor's noise and the clock's steps, by which events are weighed.
@@ -276,21 +276,21 @@ def _run(
                 fading = before * told_noise * (by_level * noise[0, 0] + by_velocity * noise[0, 1])
                 by_shift = -late_0 * own - fading * refractory * change_at(start, light, crossfade) / tau
                 by_refractory = fading * own - by_shift
-            late, log_now, own, turning, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
+            late, log_now, own, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 1.0
             side = 0 if p > 0 else 1
             threshold = thresholds[i, side]
             slowest = SLOWEST * threshold  # not of what is told: contrasts that shrink would be ever likelier
             if not last:
                 fired = (at[k] - shift) % n_slot
+                rests = change_at(fired, light, crossfade) == 0
                 for q in sets:
                     late, log_now, own = _look(fired, light, nodes[q], values[q], crossfade)
                     lates[1, q] = late
-                    turning = change_at(fired, light, crossfade) / (math.exp(log_now) * own)
                     if told_noise > 0:
                         rest, late_at_rest = rest_before(fired, light, crossfade, nodes[q])
                         moved = log_now - late - rest
                         noise[q, 0], spread_now, noise[q, 1] = lead_of(
-                            lead, told_noise, late, turning, moved, late_at_rest, pole
+                            lead, told_noise, late, rests, moved, late_at_rest, pole
                         )
                     met[q] = log_now - late + p * told_noise * noise[q, 0]
                     rarity[q] = _rarity(p, late + leak / own, own, slowest)
@@ -302,7 +302,7 @@ def _run(
                     rest, late_at_rest = rest_before(fired, light, crossfade, nodes[0])
                     moved = log_now - late - rest
                     noise[q, 0], _, noise[q, 1] = lead_of(
-                        lead, values[q, NOISE], late, turning, moved, late_at_rest, values[q, POLE]
+                        lead, values[q, NOISE], late, rests, moved, late_at_rest, values[q, POLE]
                     )
                     met[q] = log_now - late + p * values[q, NOISE] * noise[q, 0]
             spread = spread_now
