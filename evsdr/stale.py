@@ -5,6 +5,7 @@ numbers are compiled into it: after `git pull` a kernel would go on with the old
 """
 
 import re
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -29,7 +30,10 @@ def forget_stale(package: Path) -> list[Path]:
     sources = {
         source for module in modules if module.exists() for source in (module, *_imports(module, package))
     }
-    newest = max((source.stat().st_mtime for source in sources), default=0.0)
+    changed, now = [source.stat().st_mtime for source in sources], time.time()
+    newest = max(
+        (t for t in changed if t <= now), default=0.0
+    )  # else a clock that went wrong would take them every time
     stale = [index for index in kept if index.stat().st_mtime < newest]
     for index in stale:
         for file in (index, *index.parent.glob(f"{index.stem}.*.nbc")):

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -41,11 +42,11 @@ def outer_of_2(package: Path) -> float:
 
 
 def change(package: Path, name: str, text: str) -> None:
-    """Write a source anew, a second later than all that there is."""
-    file = package / f"{name}.py"
-    file.write_text(text)
-    later = max(path.stat().st_mtime for path in package.rglob("*")) + 1
-    os.utime(file, (later, later))
+    """Write a source anew, a minute after all that there is, which is older then."""
+    for path in package.rglob("*.*"):
+        then = path.stat().st_mtime - 60
+        os.utime(path, (then, then))
+    (package / f"{name}.py").write_text(text)
 
 
 def test_a_number_that_changes_takes_the_kernels_with_it(small):
@@ -63,6 +64,13 @@ def test_other_sources_take_none(small):
     outer_of_2(small)
     change(small, "other", OTHER)
     assert forget_stale(small) == [] and len(list(small.rglob("*.nbi"))) == 2
+
+
+def test_a_source_of_tomorrow_takes_none(small):
+    """Else it would until then, at every import."""
+    outer_of_2(small)
+    os.utime(small / "inner.py", (time.time() + 86400,) * 2)
+    assert forget_stale(small) == []
 
 
 def test_without_kernels_there_is_nothing_to_do(small):

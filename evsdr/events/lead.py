@@ -28,7 +28,8 @@ nearer. What noise adds when the reference is memorised, own time t later, follo
 On a ramp the lead depends on kappa sqrt(r) alone, and nearly so at rest: one table, made for r = `POLES`, holds for all.
 
 Ramps count as steady though v comes to follow them as slowly as a step: a slowing that is told by log I - v is right for
-simulated pixels, too, but normals under slots of 5 and 2 ms that fade came out 9 and 4 % worse so (three recordings each).
+simulated pixels, too, but normals under slots of 5 and 2 ms that fade came out 9 and 4 % worse so (three recordings each,
+measured by hand).
 """
 
 import math
@@ -41,10 +42,13 @@ POLES = 3.0  # r where `pole` is 0: fits noise behind second poles of 2 to 5 wit
 # Of log10 kappa: the table's steps, its ends, and the largest of levels that do not come to rest, from which on steps grow in
 # proportion: at rest 2.3 times it is own time
 PER_DECADE, SMALLEST, LARGEST, MOVING = 8, -2.0, 300.0, 8.0
-FARTHEST, N_LEVEL = 9.0, 361  # standard deviations of the table's levels
+FARTHEST, N_LEVEL = (
+    9.0,
+    361,
+)  # standard deviations of the table's levels; four times as many, or steps, change leads by .0015: measured
 TINY = 1e-300
 RESTED = 10.0  # kappa from which a level has come to rest; guessed
-BEYOND = 8.0  # standard deviations by which v has moved that make what was at rest forgotten
+BEYOND = 8.0  # standard deviations by which v has moved: at rest noise came to 3.4, which is 4.6 of them below, and forgotten
 
 
 @njit(cache=True)
@@ -87,7 +91,7 @@ def poles_of(pole):
 
 
 @njit(cache=True, error_model="numpy")
-def lead_of(table, noise, late, rests, moved, late_at_rest, pole):
+def lead_of(table, noise, late, rest, pole):
     """Give mean and variance of the lead, and the mean velocity, of an event.
 
     Parameters
@@ -98,12 +102,11 @@ def lead_of(table, noise, late, rests, moved, late_at_rest, pole):
         Standard deviation of log I, above 0.
     late : float
         log I - v.
-    rests : bool
-        Whether light does.
-    moved, late_at_rest : float
-        By how much v has moved since light last rested, and log I - v when that ended, see `receptor.rest_before`.
+    rest : (bool, float, float)
+        Whether light rests, by how much v has moved since it did before, and log I - v when that ended: `receptor.since_rest`.
     pole : float
     """
+    rests, moved, late_at_rest = rest
     mean, variance, velocity = read_lead(table, noise / max(abs(late), TINY), rests, pole)
     kappa = noise / max(abs(late_at_rest), TINY)
     if abs(moved) < BEYOND * noise and kappa > RESTED:

@@ -8,13 +8,12 @@ from numba import njit
 from evsdr.events.lead import TABLE, kept, lead_of
 from evsdr.events.receptor import (
     MOST_NODES,
-    change_at,
     follow,
     late_at,
     light_at,
     own_rate,
-    rest_before,
     shown_at,
+    since_rest,
 )
 from evsdr.threads import N_CHUNK, in_chunks
 
@@ -137,10 +136,8 @@ def _shown(
                     continue
                 own = own_rate(at, here, tau, dark, crossfade)
                 if end == 0:
-                    rests = change_at(at, here, crossfade) == 0
-                    rest, late_at_rest = rest_before(at, here, crossfade, nodes)
-                    moved = out[6, k] - rest
-                    ahead, _, velocity = lead_of(lead, noise, late, rests, moved, late_at_rest, 0.0)
+                    rest = since_rest(at, np.float64(out[6, k]), here, crossfade, nodes)
+                    ahead, _, velocity = lead_of(lead, noise, late, rest, 0.0)
                     out[2, k] = polarity[k] * noise * ahead
                 else:
                     level, share = kept(refractory * own, 0.0)

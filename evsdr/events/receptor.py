@@ -107,14 +107,15 @@ def change_at(at, light, crossfade):
 
 
 @njit(cache=True, error_model="numpy")
-def rest_before(at, light, crossfade, nodes):
-    """Give v and log I - v where light last ended to rest before a position; it never does if it always fades."""
-    if crossfade >= 1:
-        return np.inf, np.inf
+def since_rest(at, v, light, crossfade, nodes):
+    """Give whether light rests at a position, by how much v has moved since it last ended to rest, and log I - v when it did."""
+    rests = change_at(at, light, crossfade) == 0
+    if crossfade >= 1:  # it never does
+        return rests, np.inf, np.inf
     slot = min(int(at), len(light) - 1)
     fades = crossfade > 0 and at - slot > 1 - crossfade
     k = slot if fades else (slot - 1) % len(light)
-    return np.log(light[k]) - nodes[k, 1], nodes[k, 1]
+    return rests, v - (np.log(light[k]) - nodes[k, 1]), nodes[k, 1]
 
 
 @njit(cache=True, error_model="numpy")

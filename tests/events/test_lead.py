@@ -134,10 +134,10 @@ def test_levels_that_were_near_at_rest_have_been_met(jump):
     mean, scatter = (found[1::2] for found in leads_after_a_jump(jump, rest, ends))
     for k, t in enumerate((0.1, 0.4)):
         left = jump * math.exp(-t)
-        told = lead_of(TABLE, noise, left * noise, True, (jump - left) * noise, late * noise, 0.0)
+        told = lead_of(TABLE, noise, left * noise, (True, (jump - left) * noise, late * noise), 0.0)
         assert told[0] == pytest.approx(mean[k], abs=0.2)
         assert math.sqrt(told[1]) == pytest.approx(scatter[k], abs=0.15)
-    always = lead_of(TABLE, noise, left * noise, True, np.inf, np.inf, 0.0)
+    always = lead_of(TABLE, noise, left * noise, (True, np.inf, np.inf), 0.0)
     assert always == read_lead(TABLE, 1 / left, True, 0.0)
     assert told[0] > always[0] + 0.1 or jump > 10  # far beyond what was at rest nothing is left of that
 
@@ -151,7 +151,7 @@ def test_noise_is_kept_as_its_poles_say(own_time):
 def test_how_fast_a_threshold_comes_nearer_is_told_by_the_lag():
     for late in (0.02, -0.02):
         for rests in (False, True):
-            told = lead_of(TABLE, 0.01, late, rests, np.inf, np.inf, 0.0)
+            told = lead_of(TABLE, 0.01, late, (rests, np.inf, np.inf), 0.0)
             assert told == read_lead(TABLE, 0.5, rests, 0.0)
 
 

@@ -24,8 +24,8 @@ from evsdr.events.receptor import (
     late_at,
     light_at,
     phase_at,
-    rest_before,
     shown_at,
+    since_rest,
 )
 from evsdr.solve.law import GAUSS, SHARE, SLOWEST, STUDENT
 from evsdr.solve.shared.rig import N_TIMING
@@ -282,16 +282,12 @@ def _run(
             slowest = SLOWEST * threshold  # not of what is told: contrasts that shrink would be ever likelier
             if not last:
                 fired = (at[k] - shift) % n_slot
-                rests = change_at(fired, light, crossfade) == 0
                 for q in sets:
                     late, log_now, own = _look(fired, light, nodes[q], values[q], crossfade)
                     lates[1, q] = late
                     if told_noise > 0:
-                        rest, late_at_rest = rest_before(fired, light, crossfade, nodes[q])
-                        moved = log_now - late - rest
-                        noise[q, 0], spread_now, noise[q, 1] = lead_of(
-                            lead, told_noise, late, rests, moved, late_at_rest, pole
-                        )
+                        rest = since_rest(fired, log_now - late, light, crossfade, nodes[q])
+                        noise[q, 0], spread_now, noise[q, 1] = lead_of(lead, told_noise, late, rest, pole)
                     met[q] = log_now - late + p * told_noise * noise[q, 0]
                     rarity[q] = _rarity(p, late + leak / own, own, slowest)
                 for q in sets[:-1]:
@@ -299,11 +295,8 @@ def _run(
                         met[q] += p * told_noise * (noise[0, 0] - noise[q, 0])
                         noise[q] = noise[0]
                 for q in others:
-                    rest, late_at_rest = rest_before(fired, light, crossfade, nodes[0])
-                    moved = log_now - late - rest
-                    noise[q, 0], _, noise[q, 1] = lead_of(
-                        lead, values[q, NOISE], late, rests, moved, late_at_rest, values[q, POLE]
-                    )
+                    rest = since_rest(fired, log_now - late, light, crossfade, nodes[0])
+                    noise[q, 0], _, noise[q, 1] = lead_of(lead, values[q, NOISE], late, rest, values[q, POLE])
                     met[q] = log_now - late + p * values[q, NOISE] * noise[q, 0]
             spread = spread_now
             if not told:
