@@ -6,15 +6,7 @@ import numpy as np
 from numba import njit
 
 from evsdr.events.lead import TABLE, kept, lead_of
-from evsdr.events.receptor import (
-    MOST_NODES,
-    follow,
-    late_at,
-    light_at,
-    own_rate,
-    shown_at,
-    since_rest,
-)
+from evsdr.events.receptor import MOST_NODES, follow, late_at, light_at, own_rate, shown_at
 from evsdr.threads import N_CHUNK, in_chunks
 
 SHORTEST = 1e-6  # time constant: faster ones show the light of now
@@ -136,8 +128,7 @@ def _shown(
                     continue
                 own = own_rate(at, here, tau, dark, crossfade)
                 if end == 0:
-                    rest = since_rest(at, np.float64(out[6, k]), here, crossfade, nodes)
-                    ahead, _, velocity = lead_of(lead, noise, late, rest, 0.0)
+                    ahead, _, velocity = lead_of(lead, noise, late, own, at, nodes, crossfade, 0.0)
                     out[2, k] = polarity[k] * noise * ahead
                 else:
                     level, share = kept(refractory * own, 0.0)

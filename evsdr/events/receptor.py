@@ -98,27 +98,6 @@ def light_at(at, light, crossfade):
 
 
 @njit(cache=True, error_model="numpy")
-def change_at(at, light, crossfade):
-    """Give dI/dt at a position, per slot."""
-    slot = min(int(at), len(light) - 1)
-    if crossfade == 0 or at - slot < 1 - crossfade:
-        return 0.0
-    return (light[(slot + 1) % len(light)] - light[slot]) / crossfade
-
-
-@njit(cache=True, error_model="numpy")
-def since_rest(at, v, light, crossfade, nodes):
-    """Give whether light rests at a position, by how much v has moved since it last ended to rest, and log I - v when it did."""
-    rests = change_at(at, light, crossfade) == 0
-    if crossfade >= 1:  # it never does
-        return rests, np.inf, np.inf
-    slot = min(int(at), len(light) - 1)
-    fades = crossfade > 0 and at - slot > 1 - crossfade
-    k = slot if fades else (slot - 1) % len(light)
-    return rests, v - (np.log(light[k]) - nodes[k, 1]), nodes[k, 1]
-
-
-@njit(cache=True, error_model="numpy")
 def own_rate(at, light, tau, dark, crossfade):
     """Give the rate of a receptor's own time at a position."""
     return (light_at(at, light, crossfade) + dark) / tau

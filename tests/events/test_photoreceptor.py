@@ -80,7 +80,7 @@ def test_noise_adds_its_lead_and_what_is_kept_of_it():
     found = look(receptors, np.array([3.5, 3.5]), 2, polarity)
     now = light_of(3.5, light[2], 1.0)
     late = (light[2, 4] - light[2, 3]) / now / (now / tau)
-    lead, _, velocity = read_lead(TABLE, noise / late, False, 0.0)
+    lead, _, velocity = read_lead(TABLE, noise / late, 0.0)
     np.testing.assert_allclose(found.ahead, polarity * noise * lead, rtol=0.01)
     level, share = kept(refractory * now / tau, 0.0)
     np.testing.assert_allclose(found.left, polarity * noise * (level * lead + share * velocity), rtol=0.02)

@@ -17,16 +17,7 @@ import numpy as np
 from numba import njit
 
 from evsdr.events.lead import kept, lead_of, poles_of
-from evsdr.events.receptor import (
-    MOST_NODES,
-    change_at,
-    follow,
-    late_at,
-    light_at,
-    phase_at,
-    shown_at,
-    since_rest,
-)
+from evsdr.events.receptor import MOST_NODES, follow, late_at, light_at, phase_at, shown_at
 from evsdr.solve.law import GAUSS, SHARE, SLOWEST, STUDENT
 from evsdr.solve.shared.rig import N_TIMING
 from evsdr.threads import N_CHUNK, in_chunks
@@ -95,6 +86,15 @@ def _add(matrix, gradient, row, slope, bend):
             part = bend * row[i]
             for j in range(i + 1):
                 matrix[i, j] += part * row[j]
+
+
+@njit(cache=True, error_model="numpy")
+def _change_of_light(at, light, crossfade):
+    """Give dI/dt, per slot."""
+    slot = min(int(at), len(light) - 1)
+    if crossfade == 0 or at - slot < 1 - crossfade:
+        return 0.0
+    return (light[(slot + 1) % len(light)] - light[slot]) / crossfade
 
 
 @njit(cache=True, error_model="numpy")
@@ -174,7 +174,7 @@ def pixel_sums(
         tau (above 0), dark current, noise, shift, refractory period, leak and pole, times in slots; then one of `STIRRED`
         after the other moved a little, for derivatives, or not, for none.
     terms : Terms
-    lead : (2, 2, n_kappa) float64
+    lead : (2, n) float64
         `lead.TABLE`.
     weigh : (n_event,) float64
         Variance of u by the photoreceptor's noise and the clock's steps, by which events are weighed.
@@ -274,7 +274,9 @@ def _run(
                 speed_0 = late_0 * own
                 by_level, by_velocity = _change_of_kept(refractory * own, pole)
                 fading = before * told_noise * (by_level * noise[0, 0] + by_velocity * noise[0, 1])
-                by_shift = -late_0 * own - fading * refractory * change_at(start, light, crossfade) / tau
+                by_shift = (
+                    -late_0 * own - fading * refractory * _change_of_light(start, light, crossfade) / tau
+                )
                 by_refractory = fading * own - by_shift
             late, log_now, own, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 1.0
             side = 0 if p > 0 else 1
@@ -286,8 +288,9 @@ def _run(
                     late, log_now, own = _look(fired, light, nodes[q], values[q], crossfade)
                     lates[1, q] = late
                     if told_noise > 0:
-                        rest = since_rest(fired, log_now - late, light, crossfade, nodes[q])
-                        noise[q, 0], spread_now, noise[q, 1] = lead_of(lead, told_noise, late, rest, pole)
+                        noise[q, 0], spread_now, noise[q, 1] = lead_of(
+                            lead, told_noise, late, own, fired, nodes[q], crossfade, pole
+                        )
                     met[q] = log_now - late + p * told_noise * noise[q, 0]
                     rarity[q] = _rarity(p, late + leak / own, own, slowest)
                 for q in sets[:-1]:
@@ -295,8 +298,9 @@ def _run(
                         met[q] += p * told_noise * (noise[0, 0] - noise[q, 0])
                         noise[q] = noise[0]
                 for q in others:
-                    rest = since_rest(fired, log_now - late, light, crossfade, nodes[0])
-                    noise[q, 0], _, noise[q, 1] = lead_of(lead, values[q, NOISE], late, rest, values[q, POLE])
+                    noise[q, 0], _, noise[q, 1] = lead_of(
+                        lead, values[q, NOISE], late, own, fired, nodes[0], crossfade, values[q, POLE]
+                    )
                     met[q] = log_now - late + p * values[q, NOISE] * noise[q, 0]
             spread = spread_now
             if not told:

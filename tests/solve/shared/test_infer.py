@@ -223,3 +223,25 @@ def test_a_refractory_period_is_no_longer_than_the_shortest_interval():
     found = case.infer(("refractory",), Told(refractory_us=2000.0))
     assert found.rig.refractory <= case.pixels.shortest + 1e-9
     assert found.rig.refractory < case.told.refractory
+
+
+def test_no_round_of_steps_ends_higher_than_it_began():
+    """Of few events under LEDs that switch, from the truth: with losses counted to .5 rounds end up to 32 higher."""
+    switching = Schedule(np.arange(24, dtype=np.int32), 30_000.0, 0.0)
+    flaws = dict(event_noise=0.1, cutoff_hz=3000.0, photon_rate_per_us=100.0)
+    grey = 0.05 * SPECTRUM
+    case = Case.sphere(
+        20, spectrum=grey, thresholds=True, schedule=switching, n_round=5, threshold=0.12, **flaws
+    )
+    true = replace(case.told, tau=53.05 / switching.slot_us, noise=0.01)
+    slopes = -case.truth[:, :2] / case.truth[:, 2:]
+    theta = np.hstack([slopes, np.tile(np.append(np.log(grey), [0, 0]), (len(slopes), 1))])
+    posterior = search._posterior(case.pixels, Start(theta, true, np.full(2, 0.02), 0.1), true, Told(), MOST)
+    point = posterior.at(theta, posterior.basis.vectors.T @ true.vector)
+    posterior = replace(posterior, weigh=point.variance)
+    point, damping, costs = posterior.again(point), search.Damping(np.full(len(theta), 1e-3)), []
+    for _ in range(8):
+        costs.append(search._cost(posterior, point))
+        point, damping, *_ = search._descend(posterior, point, damping)
+    assert costs[-1] < costs[0] - 100
+    assert max(np.diff(costs)) < 1
