@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from evsdr.solve.shared.infer import _between, _doubted, _no_lag, _posterior
 from evsdr.solve.shared.pixels import vector_of
-from evsdr.solve.shared.posterior import SLACK, Start
+from evsdr.solve.shared.posterior import MOST_COUNTED, SLACK, Start
 from evsdr.solve.shared.rig import NOT_NEGATIVE, Told, across
 from evsdr.solve.threshold_spread import LARGEST_VARIANCE
 from evsdr.solve.unknowns import TIED, to_normal, weak_prior
@@ -85,7 +85,7 @@ def test_pixels_that_would_lose_keep_their_maps(posterior, point):
 def test_a_loss_counts_up_to_a_limit_and_only_of_pixels_that_are_heard(posterior, point):
     worse = replace(point, cost=point.cost + np.where(np.arange(len(point.cost)) == 3, 1000.0, 0.1))
     n = len(point.cost)
-    assert posterior.risen(point, worse) == pytest.approx((SLACK + 0.1 * (n - 1)) / n)
+    assert posterior.risen(point, worse) == pytest.approx((MOST_COUNTED + 0.1 * (n - 1)) / n)
     deaf = replace(posterior, heard=np.arange(n) != 3)
     assert deaf.risen(point, worse) == pytest.approx(0.1)
     far = replace(point, free=point.free + posterior.sigma)
