@@ -30,10 +30,8 @@ def forget_stale(package: Path) -> list[Path]:
     sources = {
         source for module in modules if module.exists() for source in (module, *_imports(module, package))
     }
-    changed, now = [source.stat().st_mtime for source in sources], time.time()
-    newest = max(
-        (t for t in changed if t <= now), default=0.0
-    )  # else a clock that went wrong would take them every time
+    now = time.time()  # by a clock that went wrong, sources of tomorrow would take kernels at every import
+    newest = max((t for t in (source.stat().st_mtime for source in sources) if t <= now), default=0.0)
     stale = [index for index in kept if index.stat().st_mtime < newest]
     for index in stale:
         for file in (index, *index.parent.glob(f"{index.stem}.*.nbc")):

@@ -52,5 +52,5 @@ def test_patches_of_one_colour_are_no_crowd_of_draws():
     recording, truth = evsdr.simulate(scene, seed=3, thresholds="nominal")
     maps = evsdr.fit(scene, recording).maps
     error = evsdr.angular_error_deg(maps.normal[maps.mask], truth.normal[maps.mask])
-    assert error.mean() < 0.35  # .28 to .31, as starts differ
+    assert error.mean() < 0.35  # .299; as searches begin and end otherwise .28 to .31
     assert np.mean(error < maps.normal_sigma_deg[maps.mask]) > 0.8

@@ -32,7 +32,7 @@ AGREES = 3.5  # standard deviations of a pixel's misfit from that of most, withi
 ROBUST = 3.0  # width of Cauchy's cost in standard deviations, as for maps where thresholds are unknown
 SLACK = 0.5  # log likelihood that a pixel may lose in a step
 # Of what a pixel loses or gains by a step, how much counts when it is judged: one that falls into another minimum may do so by any
-# amount. Guessed; measured on few events under LEDs that switch (`experiments.draws`, 12): with 0.5 a search from the truth ends 7300 above it
+# amount. Guessed; measured on few events under LEDs that switch (`experiments.draws`, 12): with 0.5 a search from the truth ends 3200 above it
 MOST_COUNTED = 10.0
 SLOPE_TERM = gaussian_share(ROBUST)
 
