@@ -1,5 +1,6 @@
 """Engines run real fits in real workers, one of which is killed; the results are those of a clean run."""
 
+import contextlib
 import os
 import signal
 import sys
@@ -89,7 +90,8 @@ def test_submitit_runs_rows_whose_job_is_killed_again(clean, tmp_path):
     def kill_job(job):
         first = psutil.Process(job._process.pid)
         for process in (first, *first.children(recursive=True)):
-            process.kill()
+            with contextlib.suppress(psutil.NoSuchProcess):  # the last may have ended with those before it
+                process.kill()
 
     with engines.submitit(1, tmp_path, "local", ("timeout_min=5",)) as submit:
         found, tries = run("submitit", killing(submit, kill_job))
