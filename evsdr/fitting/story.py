@@ -138,7 +138,8 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
     with stages.stage("settle light") as advance:
         first_light = world.illumination()
         world, changed = decide("together", world, fitted, settings, advance)
-        if (world.on_fit or world.indirect) and not stages.enough:
+        one_look = world.shadows == "latent" and not thorough
+        if world.light_follows_fit and not (one_look or stages.enough):
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
         last = "light" if changed else "again"
         if world.moved or (thorough and world.shadows == "latent"):
@@ -210,11 +211,8 @@ def retell(solve: Decoder, world: World, progress: Progress) -> Fitted:
     if first != "whole":
         fitted = solve(matt.problem(fitted), fitted, "again" if world.lag else "learn", progress)
         fitted = follow(matt, fitted, solve, progress)
-    if world.on_fit or world.indirect:
-        matt, fitted, _ = settle(matt, matt.illumination(), fitted, solve, progress)
-    elif world.light_follows_fit:
-        fitted = solve(matt.problem(fitted), fitted, "relit", progress)
     if world.light_follows_fit:
+        matt, fitted, _ = settle(matt, matt.illumination(), fitted, solve, progress)
         fitted = solve(matt.problem(fitted), fitted, "light", progress)
     before = fitted
     if gloss:
@@ -350,7 +348,7 @@ def share_anew(
         return same
     as_told = {name: getattr(told, name) for name in ("recording", "lag", "leak", "aim", "nearer")}
     before = replace(world, found=None, **as_told)
-    looked = world.with_seen(fitted)
+    looked = before.with_seen(fitted)
     teacher = replace(looked, problem=before.problem(looked))
     new, changed = decide("alone", before, teacher, settings, progress)
     if new is before:  # as told to stop

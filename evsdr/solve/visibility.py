@@ -126,6 +126,7 @@ def find_visibility(
         after = judge.misfit(among, guess) - usual[among]
         return float(1 - _positive(after) / max(_positive(excess[among]), 1))
 
+    best = first
     if known or (share == 1).all():
         some = np.sort(_some(pixel[np.argsort(-excess[pixel], kind="stable")], N_PROBED))
         # arcs with hard edges, though half of the soft ones are missed so: with soft ones, gloss passes for shadow
@@ -134,11 +135,8 @@ def find_visibility(
             probe = _try_changes(judge, probe, some)
         if explained(probe, some) < LEAST_EXPLAINED:
             return Seen(share, solution.all_theta, none > 0, none)
-        best = _try_traced(judge, _try_roughly(judge, first, pixel), pixel)
-    else:  # found before: what neither a neighbour nor a trace mends, and fits well, stays
-        best = _try_neighbours(judge, _try_traced(judge, first, pixel), pixel)
-        pixel = pixel[((best.cost < first.cost - TOLERANCE) | (excess > SUSPECT))[pixel]]
-    best = _follow(judge, best, pixel)
+        best = _try_roughly(judge, first, pixel)
+    best = _follow(judge, _try_traced(judge, best, pixel), pixel)
     same = (best.share == share).all(axis=0)
     theta = np.where(same[:, None], solution.all_theta, best.theta)
     blank = untold(problem, best.share, theta) & (not known)
@@ -306,11 +304,11 @@ def _try_roughly(judge: Judge, best: Guess, pixel: np.ndarray) -> Guess:
 def _follow(judge: Judge, best: Guess, pixel: np.ndarray, every: int = 1) -> Guess:
     """Make small changes, and try what neighbours found, so many pixels away, as long as either helps."""
     for _ in range(N_ROUND):
-        if len(pixel) == 0 or judge.enough():
-            break
         last = best
         best = _try_neighbours(judge, _try_changes(judge, best, pixel), pixel, every)
         pixel = pixel[best.cost[pixel] < last.cost[pixel] - TOLERANCE]
+        if len(pixel) == 0 or judge.enough():
+            break
     return best
 
 
@@ -354,7 +352,7 @@ def _try_changes(judge: Judge, best: Guess, pixel: np.ndarray) -> Guess:
     return best
 
 
-def _try_neighbours(judge: Judge, best: Guess, pixel: np.ndarray, every: int = 1) -> Guess:
+def _try_neighbours(judge: Judge, best: Guess, pixel: np.ndarray, every: int) -> Guess:
     """Try what the four neighbours found, so many pixels away."""
     for place in NEXT:
         other = beside(judge.problem.grid.mask, place, every)[pixel]

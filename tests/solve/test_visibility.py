@@ -111,18 +111,6 @@ def test_a_guess_that_stands_alone_asks_for_no_kernel_of_its_own(shadowed):
     np.testing.assert_allclose(its_cost, cost[:1])
 
 
-def test_a_second_search_mends_what_fits_badly_and_leaves_the_rest(shadowed, seen, monkeypatch):
-    problem, solution, truth, quarter = shadowed
-    hidden = (seen.share < 1).any(axis=0)
-    spoiled = np.flatnonzero(hidden & quarter & is_lit(truth)[HIDDEN].all(axis=0))[::4]
-    share, asked, changes = seen.share.copy(), [], visibility._try_changes
-    share[:, spoiled] = 1
-    monkeypatch.setattr(visibility, "_try_changes", lambda *given: asked.append(given[2]) or changes(*given))
-    again = find_visibility(problem, replace(solution, theta=seen.theta), share)
-    assert np.isin(spoiled, asked[0]).all() and len(asked[0]) < 0.6 * hidden.sum()
-    assert (again.share[HIDDEN][:, spoiled] < 0.5).mean() > 0.8
-
-
 def test_what_stays_keeps_its_maps(shadowed, seen):
     same = (seen.share == 1).all(axis=0)
     assert same.sum() > 100 and (seen.gain[same] == 0).all() and (seen.gain[~same] > 0).all()
