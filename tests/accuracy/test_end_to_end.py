@@ -58,7 +58,7 @@ def test_cast_shadow_of_the_pole(folder):
 
     error = {}
     for shadows in ("auto", "off"):
-        options = ("--shadows", shadows, "--preset", "fast")
+        options = ("--shadows", shadows, "--preset", "fast", "--shared", "none")
         summary, maps = run_fit("sphere_pole", folder / "pole", shadows, *options)
         assert summary["effects"]["cast shadows"]["modelled"] == (shadows == "auto")
         angle = angular_error_deg(maps["normal"], truth["normal"])

@@ -37,7 +37,7 @@ def recorded(tmp_path_factory):
 
 
 def run(folder, out, text, *argv, truth=True, status=(0,)):
-    """Fit a recording with a scene; gives summary and folder."""
+    """Fit a recording, whose pixels share nothing that is unknown, with a scene; gives summary and folder."""
     (out / "fitted.xml").write_text(text)
     given = [
         str(out / "fitted.xml"),
@@ -46,6 +46,8 @@ def run(folder, out, text, *argv, truth=True, status=(0,)):
         str(out / "fit"),
         "--preset",
         "fast",
+        "--shared",
+        "none",
     ]
     given += ["--truth", str(folder / "truth.npz")] if truth else []
     assert fit.main([*given, *argv]) in status

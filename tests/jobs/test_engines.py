@@ -26,7 +26,7 @@ def clean(recorded, tmp_path_factory):
         folder = tmp_path_factory.mktemp(name)
         told = f"{recorded}/scene.xml", f"{recorded}/events.h5"
         rows = [
-            Row(folder, *told, f"--preset fast --priors none --no-report --seed {k}", str(k))
+            Row(folder, *told, f"--preset fast --priors none --shared none --no-report --seed {k}", str(k))
             for k in range(N_ROW)
         ]
         outcomes = run_rows(rows, submit, n_job, lambda _: None)
