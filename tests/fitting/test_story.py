@@ -103,9 +103,11 @@ def test_what_pixels_share_is_inferred_anew_under_a_lobe(given, monkeypatch):
     assert asked and not any(glossy for _, glossy, *_ in asked)
 
 
-@pytest.mark.parametrize("turned, asked", [([0], 2), ([1, 1, 0], 4), ([1] * 9, story.MOST_MODELS)])
-def test_surfaces_are_asked_for_until_normals_stand_still(given, monkeypatch, turned, asked):
-    """A lobe changes the residuals that tell it."""
+@pytest.mark.parametrize(
+    "turned, sigma, asked", [([0], 0, 2), ([1, 1, 0], 4, 4), ([1] * 9, 4, story.MOST_MODELS), ([1] * 9, 6, 2)]
+)
+def test_surfaces_are_asked_for_until_normals_stand_still(given, monkeypatch, turned, sigma, asked):
+    """Or turn by hardly more than is known of them. A lobe changes the residuals that tell it."""
     decide, times = story.decide, []
 
     def counted(when, *rest):
@@ -114,6 +116,7 @@ def test_surfaces_are_asked_for_until_normals_stand_still(given, monkeypatch, tu
 
     monkeypatch.setattr(story, "decide", counted)
     monkeypatch.setattr(story, "turned_deg", lambda *_: turned[times.count("settled") - 2])
+    monkeypatch.setattr(story, "open_deg", lambda _: sigma)
     evsdr.fit(*given, replace(FAST, gloss="lobe"))
     assert times.count("settled") == asked
 
