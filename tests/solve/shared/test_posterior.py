@@ -82,6 +82,17 @@ def test_pixels_that_would_lose_keep_their_maps(posterior, point):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
 
 
+def test_pixels_that_can_not_move_hold_nothing_that_is_shared(posterior, point):
+    """Damping is of their own steps only: however stuck they are, what is shared goes as far, and they follow."""
+    damping = np.where(np.arange(len(point.theta)) % 2, 1e6, 0.0)
+    step, response, rest, complement = posterior.solve(point)
+    stuck = posterior.solve(point, damping)
+    for free, damped in zip((step, response, complement), (stuck[0], stuck[1], stuck[3])):
+        np.testing.assert_allclose(damped, free)
+    np.testing.assert_allclose(stuck[2][::2], rest[::2])
+    assert np.abs(stuck[2][1::2]).max() < 1e-4 * np.abs(rest).max() < np.abs(step).max()
+
+
 def test_a_loss_counts_up_to_a_limit_and_only_of_pixels_that_are_heard(posterior, point):
     worse = replace(point, cost=point.cost + np.where(np.arange(len(point.cost)) == 3, 1000.0, 0.1))
     n = len(point.cost)
