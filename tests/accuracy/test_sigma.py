@@ -46,11 +46,14 @@ def test_sigmas_are_true_and_their_twins_are_not(name, of, part):
 
 
 def test_patches_of_one_colour_are_no_crowd_of_draws():
-    """A chart under an EVK4: were each of its pixels a draw of the scene's colours, normals would be 0.42 degrees off, and 55 %
-    within one sigma."""
-    scene = evsdr.load_scene("scenes/colorchecker.xml", size=40)
-    recording, truth = evsdr.simulate(scene, seed=3, thresholds="nominal")
-    maps = evsdr.fit(scene, recording).maps
-    error = evsdr.angular_error_deg(maps.normal[maps.mask], truth.normal[maps.mask])
-    assert error.mean() < 0.35  # .299; as searches begin and end otherwise .28 to .31
-    assert np.mean(error < maps.normal_sigma_deg[maps.mask]) > 0.8
+    """Charts under an EVK4: were each of their pixels a draw of the scene's colours, normals would be 0.49 degrees off, and 53 %
+    within one sigma. Three recordings, as one may have 0.18 to 0.38."""
+    scene, errors, within = evsdr.load_scene("scenes/colorchecker.xml", size=40), [], []
+    for seed in (2, 3, 4):
+        recording, truth = evsdr.simulate(scene, seed=seed, thresholds="nominal")
+        maps = evsdr.fit(scene, recording).maps
+        error = evsdr.angular_error_deg(maps.normal[maps.mask], truth.normal[maps.mask])
+        errors.append(error.mean())
+        within.append(np.mean(error < maps.normal_sigma_deg[maps.mask]))
+    assert np.mean(errors) < 0.35  # .258
+    assert np.mean(within) > 0.8  # .86
