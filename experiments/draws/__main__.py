@@ -1,6 +1,7 @@
 """`python -m experiments.draws`: fit recordings of scenes, rings and sensors drawn at random; errors beyond sigma."""
 
 import argparse
+import ast
 import sys
 import time
 import warnings
@@ -30,11 +31,22 @@ def main(argv: list[str] | None = None) -> int:
     )
     parser.add_argument("--size", type=int, default=40, help="width and height [pixels]")
     parser.add_argument("--no-mask", action="store_true", help="do not tell which pixels are the object")
+    parser.add_argument(
+        "--but",
+        nargs="+",
+        default=[],
+        metavar="NAME=VALUE",
+        help="what is otherwise than drawn: shape=sphere pauses=True",
+    )
     options = parser.parse_args(argv)
+    try:
+        otherwise(draw(0), options.but)
+    except ValueError as error:
+        parser.error(f"--but: {error}")
     print(f"| {COLUMNS} |\n|{'---|' * 6}")
     kept = []
     for seed in range(*options.seeds):
-        case = draw(seed)
+        case = otherwise(draw(seed), options.but)
         begin = time.perf_counter()
         errors = run(case, options.size, masked=not options.no_mask)
         kept.append([keeps_promise(within(z)) for z in (errors.angle, np.abs(errors.reflectance).ravel())])
@@ -44,6 +56,22 @@ def main(argv: list[str] | None = None) -> int:
         f"\nthe promise (60, 90, 97 %) holds for {normals} (normals), {reflectances} (R) of {len(kept)} draws"
     )
     return 0
+
+
+def otherwise(case: Draw, changes: list[str]) -> Draw:
+    """Change parts of a draw, each NAME=VALUE of `cases.Draw`; a ValueError names what is no such change."""
+    new = {}
+    for change in changes:
+        name, _, value = change.partition("=")
+        kind = type(getattr(case, name, None))
+        try:
+            new[name] = value if kind is str else ast.literal_eval(value)
+            known = value and name in vars(case) and isinstance(new[name], (int, float) if kind is float else kind)
+        except (ValueError, SyntaxError):
+            known = False
+        if not known:
+            raise ValueError(f"{change!r} is no NAME=VALUE with a name of {', '.join(vars(case))}.")
+    return replace(case, **new)
 
 
 def within(z: np.ndarray) -> np.ndarray:
@@ -68,9 +96,7 @@ def line(case: Draw, errors: Errors, kept: list[bool], seconds: float) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def run(
-    case: Draw, size: int, settings: evsdr.Settings = evsdr.Settings(), masked: bool = True
-) -> Errors:
+def run(case: Draw, size: int, settings: evsdr.Settings = evsdr.Settings(), masked: bool = True) -> Errors:
     """Record and fit a draw, `masked`: with its pixels told."""
     told, recording, truth = record(case, size)
     with warnings.catch_warnings():

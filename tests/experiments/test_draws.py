@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.draws.__main__ import line, record
+from experiments.draws.__main__ import line, main, otherwise, record
 from experiments.draws.cases import MATERIALS, SHAPES, draw
 from experiments.sigma.compute import Errors
 
@@ -40,6 +40,15 @@ def test_all_scenes_can_be_recorded(shape, material):
     told, recording, truth = record(replace(case, pauses=True), SIZE)
     assert truth.mask.any() and len(recording.schedule.order) == 32
     assert told.constant_light == pytest.approx(case.constant_light + 0.002, rel=1e-3)  # its dark current
+
+
+def test_parts_may_be_otherwise_than_drawn(capsys):
+    case = otherwise(draw(0), ["shape=sphere", "pauses=True", "slot_us=5000", "rounds=2"])
+    assert case == replace(draw(0), shape="sphere", pauses=True, slot_us=5000, rounds=2)
+    for change in ("form=sphere", "rounds=two", "rounds=2.5", "pauses=x(", "shape", "__str__=a"):
+        with pytest.raises(SystemExit) as ended:
+            main(["--but", change])
+        assert ended.value.code == 2 and f"{change!r} is no NAME=VALUE" in capsys.readouterr().err
 
 
 def test_a_row_says_what_was_drawn_and_kept():

@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 
 from evsdr.records import Schedule
 from evsdr.solve.shared import infer as search
 from evsdr.solve.shared.infer import corrected, own_bias
+from evsdr.solve.shared.pixels import Nearer
 from evsdr.solve.shared.replica import replica
 from evsdr.solve.shared.rig import Basis, Told
 from tests.support.shared_unknowns import MOST, Case
@@ -115,6 +118,27 @@ def test_maps_follow_and_leds_stay(case, found, off):
     np.testing.assert_allclose(grown, (0.5 * basis.vectors @ off) ** 2, atol=1e-12)
     same = corrected(found, 0 * off, case.pixels, MOST)
     np.testing.assert_array_equal(same.rig.vector, found.rig.vector)
+
+
+def test_the_distance_of_a_surface_before_near_leds_is_corrected_too(case, found):
+    """And powers stay as they were found."""
+    n, far = len(case.row), case.pixels.light
+
+    def light(by):
+        wide = [
+            type(d)(d.x + 0.1 * by * (j % 3) + dr.zeros(mi.Float, n), d.y, d.z)
+            for j, d in enumerate(far.direction)
+        ]
+        return replace(
+            far, direction=wide, irradiance=[e * (1 + by) + dr.zeros(mi.Float, n) for e in far.irradiance]
+        )
+
+    near = replace(case.pixels, nearer=Nearer(0.5, tuple(light(by) for by in (-0.5, 0, 0.5))))
+    names = (*MOST, "distance")
+    known = replace(found, sigma=replace(found.sigma, distance=0.1))
+    off = own_bias(known, near, case.recording, Told(distance=0.25), names)
+    owner = Basis.of(names, far.band).owner
+    assert off[owner == "distance"].all() and not off[owner == "powers"].any()
 
 
 def test_no_correction_makes_times_negative_or_longer_than_any_gap(case, found):
