@@ -1,11 +1,13 @@
 """Maps follow what pixels share, if that moves them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from evsdr.effects.effect import Decision
+from evsdr.effects.shared import SharedFound
 from evsdr.effects.world import Fitted, Terms
 from evsdr.fitting import story
 from evsdr.progress import silent
@@ -24,6 +26,7 @@ class World:
     aim: str = "none"
     nearer: float = 0.0
     found: object = None
+    decisions: dict = field(default_factory=dict)
 
     def problem(self, fitted):
         return "problem", self.lag, fitted.seen
@@ -73,6 +76,20 @@ def test_another_fit_where_it_moves_maps(monkeypatch, decided, answer, fits):
     assert again == fits and taught == [told_light] and (fitted.seen == "under none") == fits
     assert world.lag == ("found" if fits else "before")
     assert fitted.solution.by == (answer.moved[2] if fits and answer else 0)
+
+
+def test_it_starts_from_what_was_found_last_whose_maps_these_are(monkeypatch):
+    """Whose own bias is that of the light before."""
+    monkeypatch.setattr(story, "decide", lambda when, world, *_: (replace(world, lag="found"), False))
+    last = SharedFound("rig", ("tau",), None, 0.0, 1.0, off=np.ones(1))
+    first = replace(last, inferred="an earlier rig")
+    decisions = {"LEDs": Decision("LEDs", True, "", answer="light")}
+    decisions |= {name: Decision(name, True, "", answer=of) for name, of in (("a", first), ("b", last))}
+    begun, started = World(found=first, decisions=decisions), []
+    monkeypatch.setattr(story, "find_shared", lambda world, teacher: started.append(world.found))
+    for world in (begun, World()):
+        story.share_anew(World(), world, Fitted(None, Maps(), None), None, silent)
+    assert started == [replace(last, off=None), None]
 
 
 def test_who_stops_keeps_what_was_believed(monkeypatch):

@@ -202,9 +202,21 @@ def corrected(found: Inferred, off: np.ndarray, pixels: Pixels, names: tuple[str
     before = basis.vectors.T @ found.rig.vector
     after = bounded(before - off, basis, pixels)
     rig = Rig.of(found.rig.vector + basis.vectors @ (after - before), pixels.light.n_led)
-    sigma = np.hypot(found.sigma.vector, UNSURE * basis.vectors @ off)
     theta = found.theta + found.response @ (after - before)
-    return replace(found, rig=rig, sigma=Rig.of(sigma, pixels.light.n_led), theta=theta)
+    return less_sure(replace(found, rig=rig, theta=theta), UNSURE * off, pixels, names)
+
+
+def less_sure(found: Inferred, by: np.ndarray, pixels: Pixels, names: tuple[str, ...]) -> Inferred:
+    """Add to the sigmas, and to what is left open of maps, that what is shared may be off by (n_free,), along `Basis.of(names)`."""
+    basis, n_led = Basis.of(names, pixels.light.band), pixels.light.n_led
+    theta = found.theta[:, : 2 + pixels.light.n_band]
+    open_deg, log_reflectance_sigma = _left_open(theta, found.response, np.outer(by, by))
+    return replace(
+        found,
+        sigma=Rig.of(np.hypot(found.sigma.vector, basis.vectors @ by), n_led),
+        normal_sigma_deg=float(np.hypot(found.normal_sigma_deg, open_deg)),
+        log_reflectance_sigma=np.hypot(found.log_reflectance_sigma, log_reflectance_sigma),
+    )
 
 
 def _doubted(posterior: Posterior, around: np.ndarray) -> tuple[str, ...]:
