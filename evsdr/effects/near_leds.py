@@ -16,6 +16,12 @@ ASKED_EARLY = (
     "how far the surface is from the LEDs was inferred from first maps, and errors may be larger than sigmas say: the preset "
     "balanced infers it from better ones."
 )
+STILL_MOVES = (
+    "when light was traced on the fitted surface its distance from the LEDs moved by {:.2g} scene units, which turns normals by {:.2g} degrees, "
+    "and may move as much again; measure it, and put the rectangle there."
+)
+TINY = 1e-9  # scene units
+STILL_DEG = 1.0  # by which normals still turn where that is doubtful; guessed
 AT_THE_END = 0.98  # of how far a surface is looked for; guessed
 NEAR, FAR = "near: direction and fall-off per pixel", "far: one direction for all pixels"
 
@@ -59,7 +65,11 @@ class DistanceOfNearLeds(SharedEffect):
             return decision
         if not decision.answer:
             return replace(decision, doubt=UNASKED)
-        return decision if world.terms.thorough else replace(decision, doubt=ASKED_EARLY)
+        if not world.terms.thorough:
+            return replace(decision, doubt=ASKED_EARLY)
+        moving = decision.answer.moving
+        turns = decision.expected_deg * moving / max(abs(self._found(decision.answer)[0]), moving, TINY)
+        return replace(decision, doubt=STILL_MOVES.format(moving, turns)) if turns > STILL_DEG else decision
 
     def say(self, found: SharedFound) -> str:
         """Give the distance."""

@@ -73,6 +73,8 @@ class SharedFound:
         By how much the unknowns of the median pixel moved.
     off : (n_free,) float64, optional
         What was taken off as the search's own bias, see `own_bias`: once, for all that follow of it.
+    moving : float
+        By how much the distance of near LEDs still moved on the surface of the fit [scene units].
     """
 
     inferred: Inferred
@@ -84,6 +86,7 @@ class SharedFound:
     no_lag: bool = False
     moved: np.ndarray | None = None
     off: np.ndarray | None = None
+    moving: float = 0.0
 
     def us(self, name: str) -> tuple[float, float]:
         """Give a time and its standard deviation [us]."""
@@ -145,11 +148,13 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
         known = world.found.off if same else None
         off = own_bias(found, pixels, world.recording, told, tuple(names)) if known is None else known
         found = corrected(found, off, pixels, tuple(names))
+    moving = 0.0
     if nearer and world.moved and world.found:
-        found = less_sure(found, _still_moves(found, world.found, names, pixels), pixels, tuple(names))
+        step = _still_moves(found, world.found, names, pixels)
+        found, moving = less_sure(found, step, pixels, tuple(names)), float(np.abs(step).max())
     moved = np.median(found.theta - start.theta, axis=0)
     return SharedFound(
-        found, tuple(names), told, sensor.refractory_us, pixels.slot_us, untold_deg, no_lag, moved, off
+        found, tuple(names), told, sensor.refractory_us, pixels.slot_us, untold_deg, no_lag, moved, off, moving
     )
 
 

@@ -1,5 +1,6 @@
 """LEDs at finite distance, told from far ones by what their parallax does to normals."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import drjit as dr
@@ -131,6 +132,19 @@ def test_the_distance_is_told(by, warned, words):
         (Terms(thorough=False), found(distance=0.1), False, ""),
         (Terms(shared=("powers",)), None, True, ""),
         (Terms(), found(distance=0.1), True, ""),
+        (Terms(), replace(found(2.0, distance=0.1), moving=0.04), True, ""),
+        (
+            Terms(),
+            replace(found(2.0, distance=0.1), moving=0.06),
+            True,
+            "moved by 0.06 scene units, which turns",
+        ),
+        (
+            Terms(),
+            replace(found(2.0, distance=0.0), moving=0.06),
+            True,
+            "moved by 0.06 scene units, which turns",
+        ),
     ],
 )
 def test_a_distance_of_which_events_are_not_asked_well_is_doubtful(

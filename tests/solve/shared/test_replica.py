@@ -9,10 +9,11 @@ import pytest
 
 from evsdr.records import Schedule
 from evsdr.solve.shared import infer as search
-from evsdr.solve.shared.infer import corrected, own_bias
+from evsdr.solve.shared.infer import corrected, less_sure, own_bias
 from evsdr.solve.shared.pixels import Nearer
 from evsdr.solve.shared.replica import replica
 from evsdr.solve.shared.rig import Basis, Told
+from evsdr.solve.unknowns import to_normal
 from tests.support.shared_unknowns import MOST, Case
 
 EVK4 = dict(event_noise=0.02, cutoff_hz=3000.0, photon_rate_per_us=100.0)
@@ -118,6 +119,22 @@ def test_maps_follow_and_leds_stay(case, found, off):
     np.testing.assert_allclose(grown, (0.5 * basis.vectors @ off) ** 2, atol=1e-12)
     same = corrected(found, 0 * off, case.pixels, MOST)
     np.testing.assert_array_equal(same.rig.vector, found.rig.vector)
+    assert same.normal_sigma_deg == found.normal_sigma_deg
+
+
+def test_what_shared_values_may_be_off_by_is_left_open_of_maps(case, found):
+    """Normals by as much as they turn with it, reflectances by as much as they follow, of the median pixel."""
+    owner = Basis.of(MOST, case.pixels.light.band).owner
+    by = np.where(owner == "shift", 1e-2, 0.0)
+    unsure, moved = less_sure(found, by, case.pixels, MOST), found.response @ by
+    turned = np.sum(to_normal(found.theta) * to_normal(found.theta + moved), axis=1)
+    angle = np.median(np.degrees(np.arccos(np.minimum(turned, 1))))
+    grown = np.sqrt(unsure.normal_sigma_deg**2 - found.normal_sigma_deg**2)
+    assert angle > 0.01 and grown == pytest.approx(angle, rel=0.05)
+    grown = np.sqrt(unsure.log_reflectance_sigma**2 - found.log_reflectance_sigma**2)
+    n_map = 2 + case.pixels.light.n_band
+    np.testing.assert_allclose(grown, np.median(np.abs(moved[:, 2:n_map]), axis=0), rtol=1e-3)
+    assert np.hypot(found.sigma.shift, 1e-2) == pytest.approx(unsure.sigma.shift)
 
 
 def test_the_distance_of_a_surface_before_near_leds_is_corrected_too(case, found):
