@@ -35,8 +35,8 @@ SURE = 4.0
 # sculptures, but for a glossy one in two rounds of square LEDs 10 % off: .5
 VAGUE = 0.3
 # Of which a search is off by something of its own. Measured of the distance, of spheres of radius 1 before near LEDs (as of
-# `experiments.draws`, 420): thresholds that scatter by 2 and 20 % make it .03 and .06 to .13 too short, and normals .19 and .65 to 1.1
-# degrees off; as found .42 and 2.1 to 2.4
+# `experiments.draws`, 420, --but shape=sphere known=False): thresholds that scatter by 2 and 20 % make it .03 and .06 to .13 too short, and
+# normals .42 and 2.1 to 2.4 degrees off as found; with it and with steps that are not damped .17 and .34 to .41
 OWN = *TIMES, "thresholds", "distance"
 MOST_OFF = 6.0  # standard deviations by which, at most; guessed
 UNSURE = 0.5  # of a correction, that sigmas hold; guessed
