@@ -201,6 +201,17 @@ def test_a_lag_that_was_none_is_asked_for_again_only_where_events_want_it(cutoff
     assert lag_asked == asked and ("tau" in again.names) == bool(cutoff_hz) == (not again.no_lag)
 
 
+@pytest.mark.parametrize("tau, asked, expected", [(0.0, True, 0.02), (0.3, True, 0.3), (0.0, False, 0.0)])
+def test_a_search_for_a_lag_begins_with_one_though_none_was_found(tau, asked, expected):
+    """At a usual one, or at that which was found."""
+    terms, last = Terms(shared=("lag",) if asked else ()), found(tau=tau)
+    solution = SimpleNamespace(threshold_prior=None, all_theta=np.zeros((2, 4)), noise=0.1)
+    start = shared._start(
+        world(terms, found=last), SimpleNamespace(solution=solution), last.inferred.rig, np.arange(2), 1.0
+    )
+    assert start.rig.tau == pytest.approx(expected) and (start.rig.noise > 0) == (expected == 0.02)
+
+
 def test_what_is_not_asked_for_is_not_inferred():
     assert find_shared(SimpleNamespace(terms=Terms(shared=())), None) is None
 
