@@ -150,23 +150,32 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
         found = corrected(found, off, pixels, tuple(names))
     moving = 0.0
     if nearer and world.moved and world.found:
-        step = _still_moves(found, world.found, names, pixels)
-        found, moving = less_sure(found, step, pixels, tuple(names)), float(np.abs(step).max())
+        moving = _still_moves(found, world.found)
+        distance = Basis.of(tuple(names), pixels.light.band).owner == "distance"
+        found = less_sure(found, np.where(distance, moving, 0), pixels, tuple(names))
     moved = np.median(found.theta - start.theta, axis=0)
     return SharedFound(
-        found, tuple(names), told, sensor.refractory_us, pixels.slot_us, untold_deg, no_lag, moved, off, moving
+        found,
+        tuple(names),
+        told,
+        sensor.refractory_us,
+        pixels.slot_us,
+        untold_deg,
+        no_lag,
+        moved,
+        off,
+        moving,
     )
 
 
-def _still_moves(found: Inferred, last: SharedFound, names: list[str], pixels: Pixels) -> np.ndarray:
-    """Give by how much the distance moved once light was traced on the surface of the fit, along `Basis.of(names)`.
+def _still_moves(found: Inferred, last: SharedFound) -> float:
+    """Give by how much the distance moved once light was traced on the surface of the fit.
 
     That surface follows the distance that was found before, so a search on it stays near that one, and its sigma is of a surface that stays:
     it may have to move as much again. Measured on spheres (`experiments.draws`, 587, and as --but has it), normals within 1 2 3 sigma without and
     with this: 4 15 30 and 43 100 100 %; 2 6 14 and 10 63 100; 0 2 6 and 3 13 41; on a cylinder (411) 10 26 36 and 60 99 99.
     """
-    distance = Basis.of(tuple(names), pixels.light.band).owner == "distance"
-    return np.where(distance, found.rig.distance - last.inferred.rig.distance, 0)
+    return abs(found.rig.distance - last.inferred.rig.distance)
 
 
 def _lags(found: Inferred, world: "World") -> bool:
