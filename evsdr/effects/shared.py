@@ -101,17 +101,48 @@ def find_shared(world: "World", fitted: "Fitted") -> SharedFound | None:
 
 
 def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
-    problem, solution, sensor = fitted.problem, fitted.solution, world.recording.sensor
-    row = choose(problem, solution, N_PIXEL)
+    row = choose(fitted.problem, fitted.solution, N_PIXEL)
     if len(row) < FEWEST_PIXELS:
         return None
+    asked = _asked(world, fitted, row)
+    found, names, untold_deg, no_lag = _lag_or_none(asked, world)
+    off, moving = None, 0.0
+    if world.terms.thorough and world.metal is None and not (no_lag or found.rig.dark):
+        known = world.found.off if world.found and world.found.names == names else None
+        off = own_bias(found, asked.pixels, world.recording, asked.told, names) if known is None else known
+        found = corrected(found, off, asked.pixels, names)
+    if asked.pixels.nearer and world.moved and world.found:
+        moving = _still_moves(found, world.found)
+        distance = Basis.of(names, asked.pixels.light.band).owner == "distance"
+        found = less_sure(found, np.where(distance, moving, 0), asked.pixels, names)
+    moved = np.median(found.theta - asked.start.theta, axis=0)
+    told_us, slot_us = world.recording.sensor.refractory_us, asked.pixels.slot_us
+    return SharedFound(found, names, asked.told, told_us, slot_us, untold_deg, no_lag, moved, off, moving)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is asked of some pixels: where a search starts, what is told, and what is unknown, of `rig.NAMES`."""
+
+    pixels: Pixels
+    start: Start
+    rig: Rig
+    told: Told
+    names: tuple[str, ...]
+    activity: np.ndarray | None
+
+    def search(self, names: tuple[str, ...], start: Start | None = None) -> Inferred:
+        return infer(self.pixels, start or self.start, self.rig, self.told, names, self.activity)
+
+
+def _asked(world: "World", fitted: "Fitted", row: np.ndarray) -> _Asked:
     told, nearer = world.terms.told, None
     if world.distance_is_unknown and "distance" in world.terms.shared:
         told = replace(told, distance=OF_EXTENT * world.surface.extent)
         nearer = world.nearer_light(fitted, row, REACH * told.distance)
         told = replace(told, distance=nearer.reach / REACH)
-    pixels = collect(world.recording, problem, solution, row, world.clock_us, nearer)
-    if "refractory_us" in sensor.guessed:
+    pixels = collect(world.recording, fitted.problem, fitted.solution, row, world.clock_us, nearer)
+    if "refractory_us" in world.recording.sensor.guessed:
         told = replace(told, refractory_us=GUESSED_REFRACTORY_US)
     names = [name for group in world.terms.shared for name in GROUPS[group] if name != "dark"]
     if nearer is None:
@@ -122,50 +153,30 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
         names = [name for name in names if name not in WITH_LAG]
     rig, activity = _told(world, pixels), world.background[0] if world.background else None
     start = _start(world, fitted, rig, row, pixels.dimness)
+    return _Asked(pixels, start, rig, told, tuple(names), activity)
 
-    def search(names: list[str], start: Start = start) -> Inferred:
-        return infer(pixels, start, rig, told, tuple(names), activity)
 
-    without = [name for name in names if name not in WITH_LAG]
-    before, untold_deg, no_lag = world.found or last_found(world.decisions), 0.0, True
-    lagless = search(without) if "tau" in names and before and before.no_lag else None
+def _lag_or_none(asked: _Asked, world: "World") -> tuple[Inferred, tuple[str, ...], float, bool]:
+    """Search with a lag, and without one where there is none; gives also what was unknown, and `SharedFound`'s untold_deg and no_lag."""
+    names, without = asked.names, tuple(name for name in asked.names if name not in WITH_LAG)
+    if "tau" not in names:
+        found = asked.search(names)
+        return found, names, 0.0, found.no_lag
+    before = world.found or last_found(world.decisions)
+    lagless = asked.search(without) if before and before.no_lag else None
     if lagless and lagless.wanted["tau"] < CLEAR:
-        found, names = lagless, without
-    else:
-        found = search(names)
-        if "tau" in names and found.wanted["dark"] > CLEAR and _lags(found, world):
-            names = [*names, "dark"]
-            found = search(names, _from(found))
-        no_lag = found.no_lag
-        if "tau" in names and not _lags(found, world):
-            names, with_lag, found = without, found, lagless or search(without)
-            # Thresholds that scatter pass for noise of up to 14, but then of photoreceptors that lead (experiments.sigma, ideal)
-            noisy = found.wanted["noise"] > CLEAR_NOISE and found.wanted["tau"] > 0
-            untold_deg = with_lag.turn_deg["lag"] if noisy and not no_lag else 0.0
-    off = None
-    if world.terms.thorough and world.metal is None and not (no_lag or found.rig.dark):
-        same = world.found and world.found.names == tuple(names)
-        known = world.found.off if same else None
-        off = own_bias(found, pixels, world.recording, told, tuple(names)) if known is None else known
-        found = corrected(found, off, pixels, tuple(names))
-    moving = 0.0
-    if nearer and world.moved and world.found:
-        moving = _still_moves(found, world.found)
-        distance = Basis.of(tuple(names), pixels.light.band).owner == "distance"
-        found = less_sure(found, np.where(distance, moving, 0), pixels, tuple(names))
-    moved = np.median(found.theta - start.theta, axis=0)
-    return SharedFound(
-        found,
-        tuple(names),
-        told,
-        sensor.refractory_us,
-        pixels.slot_us,
-        untold_deg,
-        no_lag,
-        moved,
-        off,
-        moving,
-    )
+        return lagless, without, 0.0, True
+    found = asked.search(names)
+    if found.wanted["dark"] > CLEAR and _lags(found, world):
+        names = (*names, "dark")
+        found = asked.search(names, _from(found))
+    if _lags(found, world):
+        return found, names, 0.0, found.no_lag
+    lagless = lagless or asked.search(without)
+    # Thresholds that scatter pass for noise of up to 14, but then of photoreceptors that lead (experiments.sigma, ideal)
+    noisy = lagless.wanted["noise"] > CLEAR_NOISE and lagless.wanted["tau"] > 0
+    untold_deg = found.turn_deg["lag"] if noisy and not found.no_lag else 0.0
+    return lagless, without, untold_deg, found.no_lag
 
 
 def _still_moves(found: Inferred, last: SharedFound) -> float:
