@@ -20,7 +20,10 @@ STILL_MOVES = (
     "when light was traced on the fitted surface its distance from the LEDs moved by {:.2g} scene units, which turns normals by {:.2g} degrees, "
     "and may move as much again; measure it, and put the rectangle there."
 )
-TINY = 1e-9  # scene units
+HARDLY_TOLD = (
+    "events tell hardly better than the rectangle how far the surface is from the LEDs: {:.2g} scene units either way turn normals by {:.2g} "
+    "degrees; measure it, and put the rectangle there."
+)
 STILL_DEG = 1.0  # by which normals still turn where that is doubtful; guessed
 AT_THE_END = 0.98  # of how far a surface is looked for; guessed
 NEAR, FAR = "near: direction and fall-off per pixel", "far: one direction for all pixels"
@@ -67,9 +70,11 @@ class DistanceOfNearLeds(SharedEffect):
             return replace(decision, doubt=UNASKED)
         if not world.terms.thorough:
             return replace(decision, doubt=ASKED_EARLY)
-        moving = decision.answer.moving
-        turns = decision.expected_deg * moving / max(abs(self._found(decision.answer)[0]), moving, TINY)
-        return replace(decision, doubt=STILL_MOVES.format(moving, turns)) if turns > STILL_DEG else decision
+        off = decision.answer.distance_off
+        if off.turns_deg <= STILL_DEG:
+            return decision
+        words = STILL_MOVES if off.moving > off.vague else HARDLY_TOLD
+        return replace(decision, doubt=words.format(off.by, off.turns_deg))
 
     def say(self, found: SharedFound) -> str:
         """Give the distance."""

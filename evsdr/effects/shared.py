@@ -10,7 +10,7 @@ from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import against
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps
-from evsdr.solve.shared.infer import Inferred, corrected, infer, less_sure, own_bias
+from evsdr.solve.shared.infer import Inferred, corrected, infer, less_sure, own_bias, turn_deg
 from evsdr.solve.shared.pixels import Pixels, choose, collect, is_far, turned
 from evsdr.solve.shared.posterior import Start
 from evsdr.solve.shared.rig import GROUPS, Basis, Rig, Told
@@ -29,6 +29,9 @@ CLEAR_NOISE = 12.0
 WITH_LAG = "tau", "dark", "noise", "shift"
 # Tolerance of where a surface is that a rectangle stands for, of its width, and tolerances within which it is looked for; guessed
 OF_EXTENT, REACH = 0.25, 2.0
+# Tolerances of the distance from which it is known hardly better than told; guessed. Measured (`experiments.draws`): .21 where it is .6 off at
+# a sigma of .12 (719), .03 to .1 in 420, 587, 600, 669, 701, 716
+VAGUE = 0.2
 WARNED = 3.0  # tolerances beyond which a value found is worth a warning
 
 
@@ -55,6 +58,29 @@ class Aim:
 
 
 @dataclass(frozen=True)
+class DistanceOff:
+    """What the distance of near LEDs may be off by beyond what a search on a surface that stays has for sigma.
+
+    Attributes
+    ----------
+    moving : float
+        By how much it still moved on the surface of the fit [scene units].
+    vague : float
+        The tolerance within which it is told, where events hardly know it better; else 0 [scene units].
+    turns_deg : float
+        By which normals turn with the larger of both.
+    """
+
+    moving: float = 0.0
+    vague: float = 0.0
+    turns_deg: float = 0.0
+
+    @property
+    def by(self) -> float:
+        return max(self.moving, self.vague)
+
+
+@dataclass(frozen=True)
 class SharedFound:
     """What pixels share, times in us.
 
@@ -73,8 +99,8 @@ class SharedFound:
         By how much the unknowns of the median pixel moved.
     off : (n_free,) float64, optional
         What was taken off as the search's own bias, see `own_bias`: once, for all that follow of it.
-    moving : float
-        By how much the distance of near LEDs still moved on the surface of the fit [scene units].
+    distance_off : DistanceOff
+        What the distance of near LEDs may be off by.
     """
 
     inferred: Inferred
@@ -86,7 +112,7 @@ class SharedFound:
     no_lag: bool = False
     moved: np.ndarray | None = None
     off: np.ndarray | None = None
-    moving: float = 0.0
+    distance_off: DistanceOff = DistanceOff()
 
     def us(self, name: str) -> tuple[float, float]:
         """Give a time and its standard deviation [us]."""
@@ -106,18 +132,22 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
         return None
     asked = _asked(world, fitted, row)
     found, names, untold_deg, no_lag = _lag_or_none(asked, world)
-    off, moving = None, 0.0
+    off, distance_off = None, DistanceOff()
     if world.terms.thorough and world.metal is None and not (no_lag or found.rig.dark):
         known = world.found.off if world.found and world.found.names == names else None
         off = own_bias(found, asked.pixels, world.recording, asked.told, names) if known is None else known
         found = corrected(found, off, asked.pixels, names)
-    if asked.pixels.nearer and world.moved and world.found:
-        moving = _still_moves(found, world.found)
+    if asked.pixels.nearer:
+        distance_off = _distance_off(found, world.found if world.moved else None, asked.told.distance)
         distance = Basis.of(names, asked.pixels.light.band).owner == "distance"
-        found = less_sure(found, np.where(distance, moving, 0), asked.pixels, names)
+        by = np.where(distance, distance_off.by, 0)
+        distance_off = replace(distance_off, turns_deg=turn_deg(found.theta, found.response @ by))
+        found = less_sure(found, by, asked.pixels, names)
     moved = np.median(found.theta - asked.start.theta, axis=0)
     told_us, slot_us = world.recording.sensor.refractory_us, asked.pixels.slot_us
-    return SharedFound(found, names, asked.told, told_us, slot_us, untold_deg, no_lag, moved, off, moving)
+    return SharedFound(
+        found, names, asked.told, told_us, slot_us, untold_deg, no_lag, moved, off, distance_off
+    )
 
 
 @dataclass(frozen=True)
@@ -179,14 +209,15 @@ def _lag_or_none(asked: _Asked, world: "World") -> tuple[Inferred, tuple[str, ..
     return lagless, without, untold_deg, found.no_lag
 
 
-def _still_moves(found: Inferred, last: SharedFound) -> float:
-    """Give by how much the distance moved once light was traced on the surface of the fit.
+def _distance_off(found: Inferred, last: SharedFound | None, tolerance: float) -> DistanceOff:
+    """Give by how much the distance moved once light was traced on the surface of the fit, and whether events tell it at all.
 
     That surface follows the distance that was found before, so a search on it stays near that one, and its sigma is of a surface that stays:
     it may have to move as much again. Measured on spheres (`experiments.draws`, 587, and as --but has it), normals within 1 2 3 sigma without and
     with this: 4 15 30 and 43 100 100 %; 2 6 14 and 10 63 100; 0 2 6 and 3 13 41; on a cylinder (411) 10 26 36 and 60 99 99.
     """
-    return abs(found.rig.distance - last.inferred.rig.distance)
+    moving = abs(found.rig.distance - last.inferred.rig.distance) if last else 0.0
+    return DistanceOff(moving, tolerance if found.sigma.distance > VAGUE * tolerance else 0.0)
 
 
 def _lags(found: Inferred, world: "World") -> bool:

@@ -11,6 +11,7 @@ import pytest
 from evsdr.effects import shared
 from evsdr.effects.effect import Decision
 from evsdr.effects.near_leds import DepthOfNearLeds, DistanceOfNearLeds, NearLeds
+from evsdr.effects.shared import DistanceOff
 from evsdr.effects.world import Terms
 from evsdr.rig.led_xml import spectrum_xml, square_led
 from evsdr.solve.shared.rig import Told
@@ -123,6 +124,20 @@ def test_the_distance_is_told(by, warned, words):
     assert bool(effect.warning(answer)) == warned and (words in effect.warning(answer)) == warned
 
 
+def off_by(**values):
+    return replace(found(distance=0.1), distance_off=DistanceOff(**values))
+
+
+@pytest.mark.parametrize(("sigma", "vague"), [(0.09, 0.0), (0.11, 0.5)])
+def test_a_distance_may_be_off_by_what_it_moves_and_by_what_it_is_told_to(sigma, vague):
+    """The latter where events hardly know it better; here it is told to 0.5."""
+    now, last = found(distance=0.3), found(distance=0.1)
+    now = replace(now.inferred, sigma=replace(now.inferred.sigma, distance=sigma))
+    off = shared._distance_off(now, last, 0.5)
+    assert off.moving == pytest.approx(0.2) and off.vague == vague and off.by == max(off.moving, vague)
+    assert shared._distance_off(now, None, 0.5).moving == 0
+
+
 @pytest.mark.parametrize(
     ("terms", "answer", "unknown", "doubt"),
     [
@@ -132,19 +147,9 @@ def test_the_distance_is_told(by, warned, words):
         (Terms(thorough=False), found(distance=0.1), False, ""),
         (Terms(shared=("powers",)), None, True, ""),
         (Terms(), found(distance=0.1), True, ""),
-        (Terms(), replace(found(2.0, distance=0.1), moving=0.04), True, ""),
-        (
-            Terms(),
-            replace(found(2.0, distance=0.1), moving=0.06),
-            True,
-            "moved by 0.06 scene units, which turns",
-        ),
-        (
-            Terms(),
-            replace(found(2.0, distance=0.0), moving=0.06),
-            True,
-            "moved by 0.06 scene units, which turns",
-        ),
+        (Terms(), off_by(moving=0.1, turns_deg=0.9), True, ""),
+        (Terms(), off_by(moving=0.1, turns_deg=1.1), True, "moved by 0.1 scene units, which turns"),
+        (Terms(), off_by(moving=0.1, vague=0.5, turns_deg=6.0), True, "hardly better than the rectangle"),
     ],
 )
 def test_a_distance_of_which_events_are_not_asked_well_is_doubtful(
