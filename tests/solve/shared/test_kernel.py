@@ -209,7 +209,7 @@ def test_the_gradient_by_noise_is_that_of_residuals(loud):
     found = np.subtract(*(gradient(c.sums()) for c in cases))
     expected = np.subtract(*(c.by_steps(lambda s: s[0].sum(), c.steps) for c in cases))
     assert np.isfinite(loud.sums()[3]).sum() == N_PIXEL * N_EVENT / 2
-    for name in ("noise", "leak"):
+    for name in ("tau", "dark", "noise", "leak"):
         k = loud.n + N_LED + TIMES.index(name)
         assert found[k] == pytest.approx(expected[k], rel=0.02) and abs(found[k]) > 0.5
 
