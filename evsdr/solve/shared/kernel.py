@@ -8,10 +8,6 @@ with v the log light behind the photoreceptor (`receptor`), r_k = t_(k-1) + refr
 noise adds when it fires an event (`lead`), and kept what is left of that at r_k. Times have the density of the first
 passage: that of the threshold that was met, times |dv/dt + leak| / C, times the probability that the other threshold was not
 met before. Derivatives stand at the light that v shows, times how v answers to more light (`_answer`).
-
-By shift and refractory period what noise adds to v(r_k) is held fixed: in slow light hardly anything else hangs on these, and how that
-noise is forgotten is not known so well. Measured on a blob in slots of 44 ms (`experiments.draws`, 19, --but event_noise=.02, .05, .2,
-the rest as told): refractory periods of 100 us come out as 121 83 91 +- 15, with those derivatives as 8 26 0 +- 6.
 """
 
 import math
@@ -90,6 +86,23 @@ def _add(matrix, gradient, row, slope, bend):
             part = bend * row[i]
             for j in range(i + 1):
                 matrix[i, j] += part * row[j]
+
+
+@njit(cache=True, error_model="numpy")
+def _change_of_light(at, light, crossfade):
+    """Give dI/dt, per slot."""
+    slot = min(int(at), len(light) - 1)
+    if crossfade == 0 or at - slot < 1 - crossfade:
+        return 0.0
+    return (light[(slot + 1) % len(light)] - light[slot]) / crossfade
+
+
+@njit(cache=True, error_model="numpy")
+def _change_of_kept(own_time, pole):
+    """Give the derivatives of `lead.kept`."""
+    poles = poles_of(pole)
+    slow, fast = math.exp(-own_time), math.exp(-poles * own_time)
+    return poles * (fast - slow) / (poles - 1), (poles * fast - slow) / (poles - 1)
 
 
 @njit(cache=True, error_model="numpy")
@@ -243,7 +256,7 @@ def _run(
             told = k > offset[i] and length >= refractory and (last or inside[k])
             p = 0.0 if last else float(polarity[k])
             before = float(polarity[k - 1]) if k > offset[i] else 0.0
-            start, late_0, left, speed_0 = 0.0, 0.0, 0.0, 0.0
+            start, late_0, left, speed_0, by_shift, by_refractory = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             if told:
                 start = (at[k - 1] - shift + refractory) % n_slot
                 level, velocity = 0.0, 0.0
@@ -259,6 +272,12 @@ def _run(
                     added = before * values[q, NOISE] * (by_level * noise[q, 0] + by_velocity * noise[q, 1])
                     reference[q] = log_now - late_0 + added
                 speed_0 = late_0 * own
+                by_level, by_velocity = _change_of_kept(refractory * own, pole)
+                fading = before * told_noise * (by_level * noise[0, 0] + by_velocity * noise[0, 1])
+                by_shift = (
+                    -late_0 * own - fading * refractory * _change_of_light(start, light, crossfade) / tau
+                )
+                by_refractory = fading * own - by_shift
             late, log_now, own, fired, spread_now = 0.0, 0.0, 0.0, 0.0, 1.0
             side = 0 if p > 0 else 1
             threshold = thresholds[i, side]
@@ -304,8 +323,8 @@ def _run(
                     if moved_by[q] != 0:
                         more = met[q + 1] - met[0] - reference[q + 1] + reference[0]
                         row[timing + STIRRED[q]] = factor * more / moved_by[q]
-                row[timing + SHIFT] = -factor * (late * own - speed_0)
-                row[timing + REFRACTORY] = -factor * (speed_0 + leak)
+                row[timing + SHIFT] = -factor * (late * own + by_shift)
+                row[timing + REFRACTORY] = -factor * (by_refractory + leak)
                 row[timing + LEAK] = factor * since
                 row[logs + side] = -(u + 1) / scale
                 excess = (u / scale / terms.robust) ** 2
@@ -364,8 +383,8 @@ def _run(
                     if moved_by[q] != 0:
                         more = moved - reference[q + 1] + reference[0]
                         row[timing + STIRRED[q]] = factor * more / moved_by[q]
-                row[timing + SHIFT] = factor * speed_0
-                row[timing + REFRACTORY] = -factor * (speed_0 + leak)
+                row[timing + SHIFT] = -factor * by_shift
+                row[timing + REFRACTORY] = -factor * (by_refractory + leak)
                 row[timing + LEAK] = factor * since
                 row[logs + side] = far / (threshold * scale)
                 _add(matrix, slopes, row, slope, bend)

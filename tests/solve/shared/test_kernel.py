@@ -18,7 +18,6 @@ from evsdr.solve.law import SLOWEST, gaussian_share
 from evsdr.solve.loss import derivative_table
 from evsdr.solve.pair_data import PairData, bounds, pack_phases, pack_slots
 from evsdr.solve.shared.kernel import DISTANCE, N_TIMING, OFF, ON, Terms, pixel_sums
-from evsdr.solve.shared.rig import TIMES
 from tests.support.pixel_light import ring
 from tests.support.sphere import NO_FLAWS
 
@@ -28,6 +27,7 @@ ORDER = np.array([0, 1, 6, 2, 5, 4, 3, 3])  # LED 6 is darkness
 BAND = np.arange(N_LED) % 3
 N_MAP, N_EVENT = 5, 40  # unknowns of the maps; events of a pixel
 STEPS = np.array([1e-7, 1e-4, 1e-5, 1e-6, 1e-6, 1e-6, 1e-2])
+TIMING = slice(0, 6)  # of the columns after those of the LEDs
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def test_the_gradient_by_timing_is_that_of_residuals_and_silence(rng, tau):
     found = np.subtract(*(gradient(c.sums()) for c in cases))
     expected = np.subtract(*(c.by_steps(lambda s: s[0].sum(), c.steps) for c in cases))
     first = case.n + N_LED
-    for k, name in enumerate(TIMES[:-1]):
+    for k, name in enumerate(("tau", "dark", "noise", "shift", "refractory", "leak")):
         if name == "noise" or (name == "dark" and tau == FAST):
             continue  # noise can only grow from 0; without a lag a dark current does nothing
         assert abs(expected[first + k]) > 0.5
@@ -204,31 +204,16 @@ def loud(rng):
 
 
 def test_the_gradient_by_noise_is_that_of_residuals(loud):
-    """What noise adds to the variance is held fixed, and the density of times left out."""
+    """What noise adds to the variance is held fixed, the density of times left out, and what a shift does to the lead."""
     cases = loud, replace(loud, scatter=0.6)
     found = np.subtract(*(gradient(c.sums()) for c in cases))
     expected = np.subtract(*(c.by_steps(lambda s: s[0].sum(), c.steps) for c in cases))
     assert np.isfinite(loud.sums()[3]).sum() == N_PIXEL * N_EVENT / 2
-    for name in ("tau", "dark", "noise", "leak"):
-        k = loud.n + N_LED + TIMES.index(name)
-        assert found[k] == pytest.approx(expected[k], rel=0.02) and abs(found[k]) > 0.5
-
-
-@pytest.mark.parametrize("name", ["shift", "refractory"])
-def test_times_move_no_noise(loud, name):
-    """Residuals follow the light's change alone: what noise adds to them, here much, and most of it kept, stays."""
-    k, silent = TIMES.index(name), replace(loud, values=loud.values * [1, 1, 0, 1, 1, 1, 1])
-    move = STEPS[k] / 2 * np.eye(loud.width)[loud.n + N_LED + k]
-    change = (silent.sums(move)[3] - silent.sums(-move)[3]) / STEPS[k]
-
-    def slope(case):
-        u, scale = case.sums()[3], np.sqrt(case.scatter**2 + 0.01)
-        return np.nansum(change * u / (scale**2 + (u / ROBUST) ** 2))
-
-    cases = loud, replace(loud, scatter=0.6)
-    found = np.subtract(*(gradient(c.sums())[loud.n + N_LED + k] for c in cases))
-    assert found == pytest.approx(np.subtract(*map(slope, cases)), rel=0.01) and abs(found) > 0.5
-    assert np.nanmax(np.abs(loud.sums()[3] - silent.sums()[3])) > 0.1
+    first = loud.n + N_LED
+    largest = np.abs(expected[first:][TIMING]).max()
+    np.testing.assert_allclose(
+        found[first:][TIMING], expected[first:][TIMING], rtol=0.02, atol=1e-3 * largest
+    )
 
 
 def test_the_information_of_thresholds_by_hand(loud):
