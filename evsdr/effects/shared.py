@@ -30,7 +30,7 @@ WITH_LAG = "tau", "dark", "noise", "shift"
 # Tolerance of where a surface is that a rectangle stands for, of its width, and tolerances within which it is looked for; guessed
 OF_EXTENT, REACH = 0.25, 2.0
 # Tolerances of the distance from which it is known hardly better than told; guessed. Measured (`experiments.draws`): .21 where it is .6 off at
-# a sigma of .12 (719), .03 to .1 in 420, 587, 600, 669, 701, 716
+# a sigma of .12 (719), .04 to .14 in 420, 587, 600, 669, 701, 716
 VAGUE = 0.2
 WARNED = 3.0  # tolerances beyond which a value found is worth a warning
 

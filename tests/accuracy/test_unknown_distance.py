@@ -43,7 +43,8 @@ def test_the_events_tell_the_distance_of_the_surface(ball, monkeypatch):
     decision = found.decisions["distance of the surface"]
     mean = np.mean(np.sqrt(1 - np.minimum(radius_squared(truth.mask), 1)))
     assert decision.modelled and decision.found["nearer"] == pytest.approx(mean, abs=0.05)
-    assert 0 < decision.answer.distance_off.moving <= decision.found["nearer_sigma"] < 0.03
+    off = decision.answer.distance_off
+    assert 0 < off.moving <= decision.found["nearer_sigma"] < 0.03 and off.vague == 0 and 0 < off.turns_deg < 1
     error = evsdr.score(found.maps, truth)["mae_deg"]
     known = truth.mask & found.maps.mask
     angle = evsdr.angular_error_deg(found.maps.normal, truth.normal)[known]
