@@ -149,7 +149,7 @@ class TimeShift(SharedEffect):
     def warning(self, found: SharedFound) -> str:
         """Give the shift, if it is more than triggers can be off, or noise fires events early."""
         shift, sigma = found.us("shift")
-        if abs(shift) <= WARNED * math.hypot(found.told.shift_us, sigma, found.inferred.lead * found.slot_us):
+        if abs(shift) <= WARNED * math.hypot(found.told.shift_us, sigma):
             return ""
         return f"events are {shift:.3g} us late against the triggers or start_us; check these."
 

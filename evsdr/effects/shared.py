@@ -27,6 +27,8 @@ CLEAR = 4.0  # standard deviations from which there is a lag, and a dark current
 CLEAR_NOISE = 12.0
 # Light without a lag has kinks, which no event passes: its likelihood is not smooth in a shift
 WITH_LAG = "tau", "dark", "noise", "shift"
+# When events come or references are memorised: what noise adds there, and light that moves on until then, look alike
+BY_LEAD = "shift", "refractory"
 # Tolerance of where a surface is that a rectangle stands for, of its width, and tolerances within which it is looked for; guessed
 OF_EXTENT, REACH = 0.25, 2.0
 # Tolerances of the distance from which it is known hardly better than told; guessed. Measured (`experiments.draws`): .21 where it is .6 off at
@@ -94,13 +96,15 @@ class SharedFound:
     untold_deg : float
         By which normals would turn if noise of photoreceptors, which the events want but do not tell from others, were in.
     no_lag : bool
-        Whether photoreceptors are surely quicker than those of event cameras.
+        Whether photoreceptors are as quick as can be, so none of an event camera.
     moved : (n_unknown,) float64, optional
         By how much the unknowns of the median pixel moved.
     off : (n_free,) float64, optional
         What was taken off as the search's own bias, see `own_bias`: once, for all that follow of it.
     distance_off : DistanceOff
         What the distance of near LEDs may be off by.
+    searched : Rig, optional
+        Where the search ended, before its own bias was taken off: there the next one starts.
     """
 
     inferred: Inferred
@@ -113,10 +117,13 @@ class SharedFound:
     moved: np.ndarray | None = None
     off: np.ndarray | None = None
     distance_off: DistanceOff = DistanceOff()
+    searched: Rig | None = None
 
     def us(self, name: str) -> tuple[float, float]:
-        """Give a time and its standard deviation [us]."""
-        return tuple(getattr(of, name) * self.slot_us for of in (self.inferred.rig, self.inferred.sigma))
+        """Give a time and its standard deviation [us], which holds what is not known of leads, where light takes their place."""
+        value, sigma = (getattr(of, name) for of in (self.inferred.rig, self.inferred.sigma))
+        lead = self.inferred.lead if name in BY_LEAD else 0.0
+        return value * self.slot_us, float(np.hypot(sigma, lead)) * self.slot_us
 
 
 def find_shared(world: "World", fitted: "Fitted") -> SharedFound | None:
@@ -132,8 +139,8 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
         return None
     asked = _asked(world, fitted, row)
     found, names, untold_deg, no_lag = _lag_or_none(asked, world)
-    off, distance_off = None, DistanceOff()
-    if world.terms.thorough and world.metal is None and not (no_lag or found.rig.dark):
+    off, distance_off, searched = None, DistanceOff(), found.rig
+    if world.terms.thorough and world.metal is None and not found.rig.dark:
         known = world.found.off if world.found and world.found.names == names else None
         off = own_bias(found, asked.pixels, world.recording, asked.told, names) if known is None else known
         found = corrected(found, off, asked.pixels, names)
@@ -146,7 +153,7 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
     moved = np.median(found.theta - asked.start.theta, axis=0)
     told_us, slot_us = world.recording.sensor.refractory_us, asked.pixels.slot_us
     return SharedFound(
-        found, names, asked.told, told_us, slot_us, untold_deg, no_lag, moved, off, distance_off
+        found, names, asked.told, told_us, slot_us, untold_deg, no_lag, moved, off, distance_off, searched
     )
 
 
@@ -245,7 +252,8 @@ def _start(world: "World", fitted: "Fitted", told: Rig, row: np.ndarray, dimness
     prior = solution.threshold_prior or (0.0, 0.0, 1.0, 1.0)
     theta, spread = solution.all_theta[row].astype(float), np.array(prior[2:])
     if world.found:
-        start = replace(_from(world.found.inferred), theta=theta, spread=spread)
+        rig = world.found.searched or world.found.inferred.rig
+        start = replace(_from(world.found.inferred), theta=theta, rig=rig, spread=spread)
     else:
         rig = replace(told, log_threshold=np.array(prior[:2]))
         start = Start(theta, rig, spread, solution.noise)

@@ -1,5 +1,7 @@
 """A refractory period that is told wrong."""
 
+from dataclasses import replace
+
 import pytest
 
 from evsdr.effects.refractory import Refractory
@@ -26,3 +28,11 @@ def test_a_period_told_wrong_is_warned_of(refractory, warned):
     sentence = Refractory().warning(found(refractory=refractory))
     assert sentence.startswith("refractory_us is told as 50 but the events say 300") == warned
     assert bool(sentence) == warned
+
+
+def test_a_period_that_noise_can_make_is_no_warning():
+    """What noise leaves in a reference is not known better than that, and said so."""
+    shared = found(refractory=0.3)
+    shared = replace(shared, inferred=replace(shared.inferred, lead=0.2))
+    assert not Refractory().warning(shared)
+    assert Refractory().numbers(shared)["refractory_us"]["sigma_us"] == pytest.approx(200, rel=0.01)

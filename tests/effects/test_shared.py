@@ -127,7 +127,7 @@ def test_what_pixels_share_is_found_once():
 
 @pytest.mark.parametrize("thorough", [True, False])
 def test_a_search_takes_off_its_own_bias_once(thorough, monkeypatch):
-    """What follows from what was found has the same taken off; the preset fast takes nothing off."""
+    """What follows has the same taken off, and starts where the search had ended; the preset fast takes nothing off."""
     asked, asks = [], shared.own_bias
     monkeypatch.setattr(shared, "own_bias", lambda *given: asked.append(1) or asks(*given))
     case = Case.sphere(size=18, cutoff_hz=3000.0, photon_rate_per_us=100.0, event_noise=0.05)
@@ -137,6 +137,9 @@ def test_a_search_takes_off_its_own_bias_once(thorough, monkeypatch):
     again = shared._infer(replace(world, found=first), fitted)
     assert len(asked) == thorough
     assert again.off is first.off and (first.off is not None and first.off.any()) == thorough
+    start = shared._start(replace(world, found=first), fitted, first.inferred.rig, np.arange(2), 1.0)
+    assert start.rig is first.searched
+    assert (first.searched.vector != first.inferred.rig.vector).any() == thorough
 
 
 def test_an_untold_refractory_period_is_found():

@@ -27,8 +27,8 @@ STILL = 0.98  # of the larger of the scatters before and after a last round, the
 # Standard deviations of noise to which it is known how early that fires events, see `events.lead`; measured under LEDs that are bright
 # and dark in turn: all times are found 100 to 210 us late that are not, where this is 90
 LEAD = 0.2
-# Standard deviations that a lag is from usual ones where it is none; guessed. Measured: scatter of thresholds of 20 to 40 % ends at the
-# quickest with sigmas of 0.4 to 2 us, as noise of 4 to 18 of its own; an EVK4 in slots of 10 s at times, too, with 6 to 8 us
+# Standard deviations that a lag is from the quickest where a search ends early, as there is none; guessed. Measured with 1 us for the quickest: scatter
+# of thresholds of 20 to 40 % ends there with sigmas of .4 to 2 us
 SURE = 4.0
 # Tolerances of powers and directions from which they are known hardly better than told; guessed. Measured of powers: .35 to 2 on planes
 # whose powers are not as told or seem so, .03 to .1 on spheres, blobs, reliefs and on charts under right powers, .07 to .23 on
@@ -38,6 +38,9 @@ VAGUE = 0.3
 # `experiments.draws`, 420, --but shape=sphere known=False): thresholds that scatter by 2 and 20 % make it .03 and .06 to .13 too short, and
 # normals .42 and 2.1 to 2.4 degrees off as found; with it and with steps that are not damped .17 and .34 to .41
 OWN = *TIMES, "thresholds", "distance"
+# Rounds of a search in simulated events, at most. Measured with 1 and all (24 recordings of an EVK4, 28 x 28 pixels; slots of 2 ms of
+# `experiments.shared`): tau 12 to 54 and 26 to 63 us for 53, normals .162 and .155 degrees
+OWN_ROUND = 4
 MOST_OFF = 6.0  # standard deviations by which, at most; guessed
 UNSURE = 0.5  # of a correction, that sigmas hold; guessed
 FIRST_DAMPING, DAMPING_RANGE = 1e-3, (1e-6, 1e6)
@@ -68,7 +71,7 @@ class Inferred:
     response : (n_pixel, n, n_free) float
         How the unknowns of pixels follow what is shared, along `Basis`.
     no_lag : bool
-        Whether photoreceptors are surely quicker than those of event cameras.
+        Whether photoreceptors are as quick as can be, so none of an event camera.
     lead : float
         What it amounts to that it is not known better how early noise fires events [slots].
     doubted : tuple of str
@@ -158,7 +161,7 @@ def infer(
         open_deg,
         np.hypot(log_reflectance_sigma, _gain_sigma(posterior)),
         response,
-        _no_lag(posterior, point, around),
+        posterior.lacks_lag(point),
         _lead(posterior, point),
         doubted,
     )
@@ -187,9 +190,8 @@ def own_bias(
     posterior = _posterior(new, Start(*at[:2], found.spread, *at[2:]), found.rig, tolerance, names)
     true = posterior.basis.vectors.T @ found.rig.vector
     point = posterior.at(found.theta, true)
-    damped = Damping(np.full(len(point.theta), FIRST_DAMPING))
     posterior = replace(posterior, weigh=point.variance)
-    point, *_ = _descend(posterior, posterior.again(point), damped)
+    posterior, point, _ = _settle(posterior, posterior.again(point), tolerance, OWN_ROUND)
     noise = np.diag(np.linalg.inv(posterior.solve(point)[3]))
     off = np.where(np.isin(posterior.basis.owner, OWN), point.free - true, 0)
     most = MOST_OFF * np.abs(posterior.basis.vectors.T @ found.sigma.vector)
@@ -260,21 +262,23 @@ def _known(posterior: Posterior, point: Point, tolerance: Told) -> tuple:
 
 
 def _lead(posterior: Posterior, point: Point) -> float:
-    """Give the time in which light changes by as much as `LEAD` of the noise [slots]."""
+    """Give the time in which light changes by as much as `LEAD` of the noise, where events come [slots]."""
     rig = posterior.rig(point.free)
     return LEAD * rig.noise / posterior.pixels.speed(point.theta[:, : posterior.n_map], rig)
 
 
 def _no_lag(posterior: Posterior, point: Point, around: np.ndarray) -> bool:
-    """Tell whether photoreceptors are surely quicker than those of event cameras."""
+    """Tell whether photoreceptors surely are none of an event camera."""
     sigma = np.sqrt(np.diag(around)[posterior.basis.owner == "tau"])
-    return posterior.lacks_lag(point) and bool((SURE * sigma < posterior.pixels.usual).all())
+    return posterior.lacks_lag(point) and bool((SURE * sigma < posterior.pixels.quickest).all())
 
 
-def _settle(posterior: Posterior, point: Point, tolerance: Told) -> tuple[Posterior, Point, int]:
+def _settle(
+    posterior: Posterior, point: Point, tolerance: Told, n_round: int = N_ROUND
+) -> tuple[Posterior, Point, int]:
     """Make rounds of steps, and learn between them; gives the steps made, too. A lag that is none ends them."""
     damped, n_step, no_lag = Damping(np.full(len(point.theta), FIRST_DAMPING)), 0, False
-    for _ in range(N_ROUND):
+    for _ in range(n_round):
         point, damped, length, made = _descend(posterior, posterior.again(point), damped)
         before, posterior, n_step = posterior.scatter, posterior.learnt(point), n_step + made
         had_none, no_lag = no_lag, posterior.lacks_lag(point)

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import minimize
 
 from evsdr.solve.shared.infer import _between, _doubted, _no_lag, _posterior
-from evsdr.solve.shared.pixels import vector_of
+from evsdr.solve.shared.pixels import QUICKEST_US, vector_of
 from evsdr.solve.shared.posterior import MOST_COUNTED, SLACK, Start
 from evsdr.solve.shared.rig import NOT_NEGATIVE, Told, across
 from evsdr.solve.threshold_spread import LARGEST_VARIANCE
@@ -169,11 +169,11 @@ def test_slopes_of_kinds_of_events_add_up(posterior, point):
 @pytest.mark.parametrize(
     "tau_us, sigma_us, dimness, none",
     [
-        (1.0, 2.0, 1.0, True),  # scatter of thresholds passes for noise of one that is quicker than any
-        (3.0, 0.1, 1.0, False),
-        (1.0, 3.0, 1.0, False),  # light is too slow to tell
-        (0.1, 2.0, 0.1, False),  # in dim light the same number is a slower one
-        (0.1, 0.2, 0.1, True),
+        (10.0, 2.0, 1.0, True),  # scatter of thresholds passes for noise of one that is quicker than any
+        (30.0, 0.1, 1.0, False),
+        (10.0, 3.0, 1.0, False),  # light is too slow to tell
+        (1.0, 2.0, 0.1, False),  # in dim light the same number is a slower one
+        (1.0, 0.2, 0.1, True),
     ],
 )
 def test_no_photoreceptor_is_as_quick_as_that(case, tau_us, sigma_us, dimness, none):
@@ -204,13 +204,13 @@ def test_the_spread_of_thresholds_is_that_of_most_pixels():
 
 def test_a_step_ends_at_bounds_and_the_others_go_with_it(case, rng):
     """As the best of all steps that end within them, by another solver."""
-    told = replace(case.told, tau=0.001, noise=0.0)
+    told = replace(case.told, tau=0.0019, noise=0.0)
     theta = case.solution.theta[case.row].astype(float)
     start = Start(theta, told, np.ones(2), case.solution.noise)
     posterior = _posterior(case.pixels, start, told, Told(), ("tau", "noise", "shift", "thresholds"))
     free = posterior.basis.vectors.T @ told.vector
     n, least = len(free), np.where(np.isin(posterior.basis.owner, NOT_NEGATIVE), -free, -np.inf)
-    least[posterior.basis.owner == "tau"] += 1.0 / 10_000  # slots in 1 us
+    least[posterior.basis.owner == "tau"] += QUICKEST_US / 10_000  # slots
     ended = 0
     for _ in range(20):
         half, best = rng.normal(size=(n, n)), rng.normal(size=n)
