@@ -174,7 +174,7 @@ def test_noise_counts_where_light_is_too_slow_for_a_lag(tau, noise, turn_deg, la
 
 
 def test_where_there_is_no_lag_the_search_begins_from_the_maps(monkeypatch):
-    """One with a lag may have left them far behind; scatter of thresholds alone passes for no lag, and biases nothing."""
+    """One with a lag may have left them far behind; scatter of thresholds alone passes for no lag, and its own bias is taken off, too."""
     starts, infer = [], shared.infer
 
     def listened(pixels, start, *rest):
@@ -185,6 +185,7 @@ def test_where_there_is_no_lag_the_search_begins_from_the_maps(monkeypatch):
     case = Case.sphere(size=18, thresholds=True, event_noise=0.3)
     found = find_shared(*given(case))
     assert len(starts) == 2 and starts[1] is starts[0] and "tau" not in found.names
+    assert found.no_lag and found.off.any()
     np.testing.assert_array_equal(starts[0].theta, case.solution.all_theta[case.row])
     assert np.abs(found.inferred.rig.log_threshold).max() < 0.05 and found.untold_deg == 0
 
