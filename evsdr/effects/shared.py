@@ -120,7 +120,7 @@ class SharedFound:
     searched: Rig | None = None
 
     def us(self, name: str) -> tuple[float, float]:
-        """Give a time and its standard deviation [us], which holds what is not known of leads, where light takes their place."""
+        """Give a time and its standard deviation [us]; of `BY_LEAD` that holds how well it is known how early noise fires events."""
         value, sigma = (getattr(of, name) for of in (self.inferred.rig, self.inferred.sigma))
         lead = self.inferred.lead if name in BY_LEAD else 0.0
         return value * self.slot_us, float(np.hypot(sigma, lead)) * self.slot_us

@@ -25,7 +25,7 @@ SETTLED = (
 )
 STILL = 0.98  # of the larger of the scatters before and after a last round, the smaller; guessed
 # Standard deviations of noise to which it is known how early that fires events, see `events.lead`; measured under LEDs that are bright
-# and dark in turn: all times are found 100 to 210 us late that are not, where this is 90
+# and dark in turn: all times are found 100 to 210 us late that are not, where this, by the median slot's light, is 90
 LEAD = 0.2
 # Standard deviations that a lag is from the quickest where a search ends early, as there is none; guessed. Measured with 1 us for the quickest: scatter
 # of thresholds of 20 to 40 % ends there with sigmas of .4 to 2 us
@@ -38,8 +38,8 @@ VAGUE = 0.3
 # `experiments.draws`, 420, --but shape=sphere known=False): thresholds that scatter by 2 and 20 % make it .03 and .06 to .13 too short, and
 # normals .42 and 2.1 to 2.4 degrees off as found; with it and with steps that are not damped .17 and .34 to .41
 OWN = *TIMES, "thresholds", "distance"
-# Rounds of a search in simulated events, at most. Measured with 1 and all (24 recordings of an EVK4, 28 x 28 pixels; slots of 2 ms of
-# `experiments.shared`): tau 12 to 54 and 26 to 63 us for 53, normals .162 and .155 degrees
+# Rounds of a search in simulated events, at most. Measured (`experiments.shared`, slots of 5 and 2 ms, LEDs that switch): with 4 steps in all normals
+# .164 .162 .162 degrees, with these .145 .155 .151
 OWN_ROUND = 4
 MOST_OFF = 6.0  # standard deviations by which, at most; guessed
 UNSURE = 0.5  # of a correction, that sigmas hold; guessed

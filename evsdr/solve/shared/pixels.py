@@ -34,8 +34,8 @@ FEW = 1e-3  # of the events, that may come sooner: noise
 USUAL_DARK, LEAST_DARK = 0.05, 1e-9
 DARKEST = 1e-30  # irradiance and light that are not 0: their roots and logarithms are within float32
 # Photoreceptors that are quicker (where darkness is as bright as usual) are none: event cameras' take longer, and thresholds' scatter passes for
-# the noise of quick ones. Guessed; measured with 1 us and a scatter of 20 % (28 x 28 pixels of a cylinder and a relief, two recordings of an
-# EVK4): noise .049 for .0097, thresholds 35 % high, R 1.44 and 2.28 times the true ones; with 10 and 20 us 1.03 and 1.13 times
+# the noise of quick ones. Guessed; measured with 1 us and a scatter of 20 % (`experiments.draws` 835 and 843 as experiments/shared/README.md has
+# them): noise .048 and .049 for .0097, thresholds 30 % high, R 1.44 and 2.28 times the true ones; with 10 and 20 us 1.03 and 1.13
 QUICKEST_US = 10.0
 STEP_OF_REACH = 1e-2  # for derivatives by distance; guessed: rounding leaves 1e-5 of them
 STEPS = {"tau": 1e-5, "dark": 1e-4, "noise": 1e-5, "pole": 1e-2}  # for derivatives
