@@ -7,7 +7,7 @@ import pytest
 
 import evsdr
 from evsdr.commands import fit, simulate
-from evsdr.fitting.maps import lit_bands
+from evsdr.fitting.maps import lit_bands, rim
 from tests.support.small_scene import DIFFUSE, camera, leds, scene
 
 
@@ -52,3 +52,15 @@ def test_a_plane_inside_the_ring_knows_its_scale_by_dark_slots(tmp_path):
         share, verdict = known(np.arange(12))
     assert share < 0.3 and str(verdict).startswith("doubtful: ") and "can't tell their scale" in str(verdict)
     assert known(dark)[0] > 0.9
+
+
+def test_rim_of_an_object():
+    """What touches pixels outside, corners included; an object that fills the film has none."""
+    mask = np.zeros((6, 6), bool)
+    mask[1:6, 1:6] = True
+    image = np.zeros((6, 6), bool)
+    image[mask] = rim(mask)
+    expected = mask.copy()
+    expected[2:, 2:] = False
+    np.testing.assert_array_equal(image, expected)
+    assert not rim(np.ones((4, 5), bool)).any()

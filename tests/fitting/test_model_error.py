@@ -4,8 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import evsdr
+import evsdr.fitting.maps
+from evsdr.fitting import model_error
+from evsdr.fitting.maps import rim
+from evsdr.fitting.model_error import MISFIT, of_misfit
+from evsdr.solve.noise import IGNORED
 from evsdr.solve.unknowns import normal_sigma_deg
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
@@ -26,3 +32,39 @@ def test_sigmas_count_light_that_neighbours_lack_alike():
     assert held > without + 0.2
     assert held > 0.75
     assert "what neighbouring pixels have in common" in fit.summary["misfit"]
+
+
+def test_misfit_of_a_pixel_counts_beyond_its_noise():
+    """Pixels as noisy as most have none, nor those whose events count for nothing."""
+    share = of_misfit(np.array([1, 1.3, 2, IGNORED], np.float32))
+    np.testing.assert_allclose(share, [0, MISFIT * (1 - 1 / 1.69), MISFIT * 0.75, 0], rtol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore::evsdr.InputWarning")  # some pixels can't tell their scale
+def test_sigmas_hold_what_a_pixel_contradicts_and_that_a_rim_is_seen_in_part(monkeypatch):
+    """A pole's shadow is left out: the pixels in it are wrong by more than their noise says."""
+    ring = evsdr.load_scene(SCENES / "sphere_pole.xml", size=28)
+    recording, truth = evsdr.simulate(ring, seed=0)
+    settings = evsdr.Settings(preset="fast", shared=(), shadows="off")
+    mask = truth.mask
+
+    def found():
+        fit = evsdr.fit(ring, recording, settings, mask)
+        factor = np.ones(mask.shape)
+        factor[mask] = fit.solution.noise_factor
+        return fit.maps, factor
+
+    maps, factor = found()
+    monkeypatch.setattr(model_error, "MISFIT", 0.0)
+    without_misfit, _ = found()
+    monkeypatch.setattr(evsdr.fitting.maps, "RIM_TURN", 0.0)
+    without, _ = found()
+    error = evsdr.angular_error_deg(maps.normal, truth.normal)
+    wrong, at_rim = (factor > 1.3) & (factor < IGNORED) & maps.mask, np.zeros(mask.shape, bool)
+    at_rim[mask] = rim(mask)
+    held, before = (np.mean((error < 3 * m.normal_sigma_deg)[wrong]) for m in (maps, without_misfit))
+    assert wrong.sum() > 20 and held > before + 0.05
+    wider = without_misfit.normal_sigma_deg > 1.02 * without.normal_sigma_deg
+    assert wider[at_rim].mean() > 0.5 and not wider[mask & ~at_rim].any()
+    np.testing.assert_array_equal(maps.normal, without.normal)
+    np.testing.assert_array_equal(maps.reflectance_sigma, without.reflectance_sigma)

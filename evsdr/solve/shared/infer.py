@@ -276,15 +276,18 @@ def _no_lag(posterior: Posterior, point: Point, around: np.ndarray) -> bool:
 def _settle(
     posterior: Posterior, point: Point, tolerance: Told, n_round: int = N_ROUND
 ) -> tuple[Posterior, Point, int]:
-    """Make rounds of steps, and learn between them; gives the steps made, too. A lag that is none ends them."""
+    """Make rounds of steps, and learn between them; gives the steps made, too. A lag that is none ends them, and that no step helps."""
     damped, n_step, no_lag = Damping(np.full(len(point.theta), FIRST_DAMPING)), 0, False
     for _ in range(n_round):
-        point, damped, length, made = _descend(posterior, posterior.again(point), damped)
+        start = posterior.again(point)
+        point, damped, length, made = _descend(posterior, start, damped)
+        stuck = point is start and damped.shared >= MOST_STIFFNESS
         before, posterior, n_step = posterior.scatter, posterior.learnt(point), n_step + made
         had_none, no_lag = no_lag, posterior.lacks_lag(point)
         if no_lag:
             no_lag = _no_lag(posterior, point, _known(posterior, point, tolerance)[-1])
-        if had_none and no_lag or length < SETTLED and STILL < posterior.scatter / before < 1 / STILL:
+        still = STILL < posterior.scatter / before < 1 / STILL
+        if had_none and no_lag or (length < SETTLED or stuck) and still:
             break
     return posterior, point, n_step
 

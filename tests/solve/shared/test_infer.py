@@ -137,6 +137,14 @@ def test_a_search_for_a_lag_that_is_none_ends_after_two_rounds(wrong, monkeypatc
     assert found.n_step == 4 * search.N_STEP and found.no_lag and not list(answers)
 
 
+def test_a_search_that_no_step_helps_ends(wrong, monkeypatch):
+    """However short steps become, all are refused."""
+    monkeypatch.setattr(Posterior, "risen", lambda *_: 1.0)
+    found = wrong.infer(("powers",))
+    np.testing.assert_array_equal(found.rig.log_power, 0)
+    assert found.n_step <= 4 * search.N_STEP
+
+
 def test_a_lag_is_found():
     cutoff_hz = 3000.0
     case = Case.sphere(cutoff_hz=cutoff_hz, **QUIET)
