@@ -51,8 +51,8 @@ def assemble_maps(
     if (error := solution.model_error) is not None:
         turned = np.maximum(turned, normal_sigma_deg(theta[:, 0], theta[:, 1], error[:, :2, :2]))
         relative = np.maximum(relative, np.diagonal(error, axis1=1, axis2=2)[:, 2:])
-    at_rim = np.degrees(RIM_TURN * turn) * rim(problem.grid.mask)
-    sigma, relative = np.sqrt(sigma**2 + turned**2 + at_rim**2), variance[:, 2:] + relative
+        turned = np.hypot(turned, np.degrees(RIM_TURN * turn) * rim(problem.grid.mask))
+    sigma, relative = np.hypot(sigma, turned), variance[:, 2:] + relative
     reflectance_sigma = reflectance * np.sqrt(np.maximum(relative, 0))
     if ring.constant_light == 0:
         scale = 1 / reflectance.max(axis=1, keepdims=True)
