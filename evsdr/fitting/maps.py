@@ -31,8 +31,9 @@ def assemble_maps(
 ) -> Maps:
     """Lay the solution out as images.
 
-    A pixel without information keeps the values of the nearest one that has it, and says so in mask and
-    sigma; a band that is never lit says so in sigma. With no constant light the scale of each pixel is unknown; its
+    A pixel without information keeps the values of the nearest known one, and says so in mask and sigma; one
+    that events tell something of, but whose error may be too large to be known, keeps its own. A band that is
+    never lit says so in sigma. With no constant light the scale of each pixel is unknown; its
     largest band is then 1.
 
     Parameters
@@ -48,6 +49,8 @@ def assemble_maps(
     turn = normal_turn(normal, problem.grid.mask)
     curved = turn**2
     turned, relative = np.degrees(CURVED_NORMAL * curved), np.square(CURVED_REFLECTANCE * curved)[:, None]
+    informed = problem.fired & (variance > 0).all(axis=1)  # rounding can spoil an inverse
+    informed &= np.hypot(sigma, turned) < KNOWN_SIGMA_DEG
     if (error := solution.model_error) is not None:
         turned = np.maximum(turned, normal_sigma_deg(theta[:, 0], theta[:, 1], error[:, :2, :2]))
         relative = np.maximum(relative, np.diagonal(error, axis1=1, axis2=2)[:, 2:])
@@ -60,8 +63,7 @@ def assemble_maps(
     led = problem.pairs.slot_leds.numpy() & 0xFFFF
     lit = lit_bands(led, problem.illumination.band)
     reflectance_sigma[:, ~lit] = 1
-    sound = (variance > 0).all(axis=1)  # rounding can spoil an inverse
-    known = problem.fired & sound & (sigma < KNOWN_SIGMA_DEG)
+    known = informed & (sigma < KNOWN_SIGMA_DEG)
     of_scale = solution.covariance[:, 2:, 2:][:, lit][:, :, lit].mean(
         axis=(1, 2)
     )  # variance of the mean logarithm
@@ -84,7 +86,7 @@ def assemble_maps(
         mask_reflectance=image(scaled, 0) > 0,
     )
     nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
-    fill = solved & ~mask if mask.any() and values is None else np.zeros_like(mask)
+    fill = (image(~informed, 0) > 0) & mask.any() & (values is None)
     maps.normal[fill] = maps.normal[tuple(nearest[:, fill])]
     maps.reflectance[fill] = maps.reflectance[tuple(nearest[:, fill])]
     maps.normal[~solved] = (0, 0, 1)

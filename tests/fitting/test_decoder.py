@@ -1,5 +1,6 @@
 """The solvers with their settings: the published one stays as published, ours goes on from where it was."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -55,6 +56,31 @@ def test_a_fit_goes_on_from_a_fit(problem):
     assert second.solution.history[:n] == first.solution.history and len(second.solution.history) > n
     assert second.solution.n_step == sum(passed.steps for passed in second.solution.history)
     assert second.solution.threshold_gain.shape == (problem.n_pixel, 2)
+
+
+def test_what_is_not_known_keeps_what_its_events_say(problem):
+    """Where the model's error is large a pixel is not known, yet its own normal tells more than its neighbour's."""
+    solve = Decoder(RING, Settings(priors=()), FRONTAL, False)
+    first = solve(problem)
+    row, column = np.divmod(problem.pixel, SIZE)
+    doubted, silent = column >= SIZE // 2, (row == 8) & (column == 4)
+    error = np.zeros_like(first.solution.covariance)
+    error[doubted, :2, :2] = 100 * np.eye(2)  # of slopes
+    fired = problem.fired & ~silent
+    maps = solve.fitted(replace(problem, fired=fired), replace(first.solution, model_error=error)).maps
+
+    def of_pixels(image):
+        return image.reshape(SIZE * SIZE, -1)[problem.pixel]
+
+    known, was_known = of_pixels(maps.mask)[:, 0], of_pixels(first.maps.mask)[:, 0]
+    assert not known[doubted | silent].any() and was_known[doubted].mean() > 0.9
+    for now, before in ((maps.normal, first.maps.normal), (maps.reflectance, first.maps.reflectance)):
+        np.testing.assert_array_equal(
+            of_pixels(now)[was_known & ~silent], of_pixels(before)[was_known & ~silent]
+        )
+        near = (np.abs(row - 8) < 2) & (np.abs(column - 4) < 2) & ~silent
+        assert (of_pixels(now)[silent] == of_pixels(before)[near]).all(axis=1).any()
+    assert (of_pixels(maps.normal_sigma_deg)[doubted | silent] == 180).all()
 
 
 def test_settings_reach_the_effort():
