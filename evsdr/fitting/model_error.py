@@ -56,9 +56,7 @@ def with_model_error(
         error += solve.twins(fitted)
     if world.gloss is not None or world.rough is not None:
         error += lobe_error(solution.theta - matt.solution.theta)
-    error[:, :2, :2] += (
-        of_misfit(solution.noise_factor)[:, None, None] * (solution.covariance + error)[:, :2, :2]
-    )
+    error += of_misfit(solution.noise_factor)[:, None, None] * (solution.covariance + error)
     return solve.fitted(problem, replace(solution, model_error=error.astype(np.float32))), signals, misfit
 
 

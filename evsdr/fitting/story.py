@@ -192,7 +192,7 @@ def fit_recording(
         with stages.stage("tiles") as advance:
             fitted = solve_tiles(world, tiles, fitted, partial(retell, solve), advance)
     stopped = stages.enough
-    fitted = replace(fitted, maps=paid(widened(fitted.maps, world.decisions), world.decisions))
+    fitted = replace(fitted, maps=paid(widened(fitted, world), world.decisions))
     with stages.stage("surface"):
         depth = world.surface.depth(fitted, world.nearer) if fitted.maps.mask.any() else None
         surface = world.surface.files(depth, fitted.maps) if depth else {}

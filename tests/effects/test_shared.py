@@ -21,7 +21,7 @@ from evsdr.effects.world import Fitted, Memo, Terms
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps
 from evsdr.solve.shared.pixels import vector_of
-from evsdr.solve.shared.rig import GROUPS
+from evsdr.solve.shared.rig import GROUPS, NAMES, Told
 from tests.support.shared_unknowns import Case, power_errors
 from tests.support.shared_worlds import FITTED, decision, found, world
 from tests.support.sphere import solve, sphere_recording
@@ -234,17 +234,82 @@ class FewPixels:
         self.solution = solve(self.problem)
 
 
-def test_what_is_left_open_of_what_pixels_share_widens_sigmas():
-    """Of known pixels: 0.3 degrees, and two percent of the reflectance."""
+def maps_of_two() -> Maps:
+    """One pixel that is known to 0.4 degrees and 0.01, and one that is not."""
     normal = np.broadcast_to(np.float32([0, 0, 1]), (1, 2, 3))
     sigma = np.float32([[0.4, 180.0]])
-    maps = Maps(
-        normal, np.float32([[[0.5], [0.5]]]), sigma < 90, sigma, np.float32([[[0.01], [1.0]]]), np.ones(1)
-    )
-    wide = widened(maps, {"a": decision(LedPowers()), "b": Decision("b", False, "")})
+    of_reflectance = np.float32([[[0.5], [0.5]]]), sigma < 90, sigma, np.float32([[[0.01], [1.0]]])
+    return Maps(normal, *of_reflectance, np.ones(1))
+
+
+def fit_of_two(prior: tuple | None = None) -> SimpleNamespace:
+    """A fit with these maps, whose mean thresholds are these."""
+    light = SimpleNamespace(band=[0, 0, 0])
+    solution, problem = SimpleNamespace(threshold_prior=prior), SimpleNamespace(illumination=light)
+    return SimpleNamespace(maps=maps_of_two(), solution=solution, problem=problem)
+
+
+def wide_under(fitted: SimpleNamespace, gloss=None, **decisions: Decision) -> Maps:
+    return widened(fitted, SimpleNamespace(decisions=decisions, gloss=gloss))
+
+
+def test_what_is_left_open_of_what_pixels_share_widens_sigmas():
+    """Of known pixels: 0.3 degrees, and two percent of the reflectance."""
+    fitted, none = fit_of_two(), Decision("b", False, "")
+    wide = wide_under(fitted, a=decision(LedPowers()), b=none)
     np.testing.assert_allclose(wide.normal_sigma_deg, [[0.5, 180]])
-    np.testing.assert_allclose(wide.reflectance_sigma[..., 0], [[np.hypot(0.01, 0.01), 1]], rtol=1e-6)
-    assert widened(maps, {"b": Decision("b", False, "")}) is maps
+    np.testing.assert_allclose(wide.reflectance_sigma[..., 0], [[np.hypot(0.01, 0.01), 1]], rtol=1e-3)
+    assert wide_under(fitted, b=none) is fitted.maps
     untold = decision(LedPowers())
     untold = replace(untold, answer=replace(untold.answer, untold_deg=1.2))
-    np.testing.assert_allclose(widened(maps, {"a": untold}).normal_sigma_deg, [[1.3, 180]])
+    np.testing.assert_allclose(wide_under(fitted, a=untold).normal_sigma_deg, [[1.3, 180]])
+
+
+def test_thresholds_of_the_maps_that_are_others_than_those_inferred_widen_sigmas():
+    """Unless a lobe is why: by how the pixels' maps follow C_on and C_off, 0.1 and 0.05 apart."""
+    response = np.zeros((1, 3, len(shared.Basis.of(NAMES, [0, 0, 0]).owner)))
+    here = shared.Basis.of(NAMES, [0, 0, 0]).owner == "thresholds"
+    response[:, :, here] = np.array([[0.1, 0.0], [0.0, 0.0], [0.5, 0.4]])
+    answer = found(log_threshold=np.array([0.1, 0.2]))
+    inferred = replace(answer.inferred, theta=np.zeros((1, 3)), response=response)
+    told = replace(decision(LedPowers()), answer=replace(answer, inferred=inferred))
+
+    def wide(prior, gloss=None):
+        return wide_under(fit_of_two(prior), gloss, a=told)
+
+    alike = wide((0.1, 0.2, 0.1, 0.1))
+    np.testing.assert_array_equal(alike.normal_sigma_deg, wide(None).normal_sigma_deg)
+    apart = wide((0.2, 0.15, 0.1, 0.1))
+    turned = np.degrees(0.1 * 0.1)
+    assert apart.normal_sigma_deg[0, 0] == pytest.approx(np.hypot(0.5, turned), rel=1e-3)
+    moved = 0.5 * 0.1 - 0.4 * 0.05
+    expected = np.sqrt(0.01**2 + 0.5**2 * (0.02**2 + moved**2))
+    assert apart.reflectance_sigma[0, 0, 0] == pytest.approx(expected, rel=2e-3)
+    lobes = wide((0.2, 0.15, 0.1, 0.1), gloss="lobes")
+    np.testing.assert_array_equal(lobes.reflectance_sigma, alike.reflectance_sigma)
+
+
+@pytest.mark.parametrize(("surprise", "expected"), [(5.0, -2.0), (20.0, 0.2)])
+def test_thresholds_that_run_away_are_searched_again_from_what_is_told(surprise, expected, monkeypatch):
+    """First with thresholds that stay; what is less of a surprise stands."""
+    names, asked = ("powers", "thresholds"), []
+
+    def infer(pixels, start, rig, told, some, activity):
+        asked.append((some, start.rig.log_threshold[0], start.theta[0, -2:].tolist()))
+        value = {1: -2.0, 2: 0.0, 3: 0.2}[len(asked)]
+        of = found(log_threshold=np.full(2, value)).inferred
+        return replace(of, theta=start.theta, surprise=surprise if len(asked) == 1 else 10.0)
+
+    monkeypatch.setattr(shared, "infer", infer)
+    rig, light = found(log_threshold=np.zeros(2)).inferred.rig, SimpleNamespace(n_band=1)
+    theta = np.array([[0.0, 0.0, 0.0, -0.7, -0.5]])
+    start = shared.Start(theta, replace(rig, log_threshold=np.full(2, -0.6)), np.ones(2), 0.1)
+    search = shared._Asked(SimpleNamespace(light=light), start, rig, Told(), names, None)
+    assert search.search(names).rig.log_threshold[0] == expected
+    assert [some for some, *_ in asked] == [names, ("powers",), names]
+    assert [at for _, at, _ in asked] == [-0.6, 0.0, 0.0]
+    np.testing.assert_allclose([moved for *_, moved in asked], [[-0.7, -0.5], [-0.1, 0.1], [-0.1, 0.1]])
+    assert (start.theta == [[0.0, 0.0, 0.0, -0.7, -0.5]]).all()
+    asked.clear()
+    search.search(("powers",))
+    assert len(asked) == 1

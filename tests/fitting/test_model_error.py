@@ -58,13 +58,18 @@ def test_sigmas_hold_what_a_pixel_contradicts_and_that_a_rim_is_seen_in_part(mon
     monkeypatch.setattr(model_error, "MISFIT", 0.0)
     without_misfit, _ = found()
     monkeypatch.setattr(evsdr.fitting.maps, "RIM_TURN", 0.0)
+    monkeypatch.setattr(evsdr.fitting.maps, "RIM_REFLECTANCE", 0.0)
     without, _ = found()
     error = evsdr.angular_error_deg(maps.normal, truth.normal)
     wrong, at_rim = (factor > 1.3) & (factor < IGNORED) & maps.mask, np.zeros(mask.shape, bool)
     at_rim[mask] = rim(mask)
     held, before = (np.mean((error < 3 * m.normal_sigma_deg)[wrong]) for m in (maps, without_misfit))
     assert wrong.sum() > 20 and held > before + 0.05
-    wider = without_misfit.normal_sigma_deg > 1.02 * without.normal_sigma_deg
-    assert wider[at_rim].mean() > 0.5 and not wider[mask & ~at_rim].any()
+    for name in ("normal_sigma_deg", "reflectance_sigma"):
+        all_in, no_misfit, none = (getattr(m, name) for m in (maps, without_misfit, without))
+        wider = no_misfit > 1.02 * none
+        wider = wider.any(axis=-1) if wider.ndim > 2 else wider
+        assert wider[at_rim].mean() > 0.5 and not wider[mask & ~at_rim].any(), name
+        assert (all_in >= no_misfit)[mask].all() and (all_in > 1.1 * no_misfit)[wrong].mean() > 0.7, name
     np.testing.assert_array_equal(maps.normal, without.normal)
-    np.testing.assert_array_equal(maps.reflectance_sigma, without.reflectance_sigma)
+    np.testing.assert_array_equal(maps.reflectance, without.reflectance)

@@ -3,6 +3,7 @@
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import pytest
 
 from evsdr.solve.unknowns import (
     LARGEST_SLOPE,
@@ -15,6 +16,7 @@ from evsdr.solve.unknowns import (
     Unknowns,
     fill,
     first_theta,
+    log_spread,
     to_normal,
     to_theta,
     weak_prior,
@@ -80,3 +82,13 @@ def test_what_is_known_before_any_event_is_a_gaussian(rng):
     entries = [np.broadcast_to(v if isinstance(v, float) else v.numpy(), 1)[0] for v in matrix]
     np.testing.assert_allclose(entries, precision[np.tril_indices(7)], rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(weak_prior(n_band)[1], np.linalg.inv(covariance)[:5, :5], atol=1e-9)
+
+
+def test_how_far_quantities_are_whose_logarithms_are_normal(rng):
+    """As draws have it, and as their logarithms where these hardly scatter."""
+    log = rng.normal(size=200_000)
+    for sigma in (0.2, 0.5):
+        drawn = np.sqrt(np.mean(np.square(np.exp(sigma * log) - 1)))
+        assert log_spread(np.array(sigma**2)) == pytest.approx(drawn, rel=0.02)
+    np.testing.assert_allclose(log_spread(np.array([0, 1e-8])), [0, 1e-4], rtol=1e-3)
+    assert np.isfinite(log_spread(np.array([1e9, -1e-9]))).all()

@@ -76,6 +76,9 @@ class Inferred:
         What it amounts to that it is not known better how early noise fires events [slots].
     doubted : tuple of str
         Of `rig.NAMES`: what may as well be as told, which what is left open of maps holds.
+    surprise : float
+        Minus the logarithm of the evidence, by Laplace's method, but for a constant: what all cost, and how small a part of what maps can
+        be explains the events.
     """
 
     rig: Rig
@@ -94,6 +97,7 @@ class Inferred:
     no_lag: bool = False
     lead: float = 0.0
     doubted: tuple[str, ...] = ()
+    surprise: float = 0.0
 
 
 def infer(
@@ -164,6 +168,7 @@ def infer(
         posterior.lacks_lag(point),
         _lead(posterior, point),
         doubted,
+        _cost(posterior, point) + _narrowness(point),
     )
 
 
@@ -205,13 +210,13 @@ def corrected(found: Inferred, off: np.ndarray, pixels: Pixels, names: tuple[str
     after = bounded(before - off, basis, pixels)
     rig = Rig.of(found.rig.vector + basis.vectors @ (after - before), pixels.light.n_led)
     theta = found.theta + found.response @ (after - before)
-    return less_sure(replace(found, rig=rig, theta=theta), UNSURE * off, pixels, names)
+    return less_sure(replace(found, rig=rig, theta=theta), UNSURE * off, basis)
 
 
-def less_sure(found: Inferred, by: np.ndarray, pixels: Pixels, names: tuple[str, ...]) -> Inferred:
-    """Add to the sigmas, and to what is left open of maps, that what is shared may be off by (n_free,), along `Basis.of(names)`."""
-    basis, n_led = Basis.of(names, pixels.light.band), pixels.light.n_led
-    theta = found.theta[:, : 2 + pixels.light.n_band]
+def less_sure(found: Inferred, by: np.ndarray, basis: Basis) -> Inferred:
+    """Add to the sigmas, and to what is left open of maps, that what is shared may be off by (n_free,), along the basis of the search."""
+    n_led, n_band = len(found.rig.log_power), len(found.log_reflectance_sigma)
+    theta = found.theta[:, : 2 + n_band]
     open_deg, log_reflectance_sigma = _left_open(theta, found.response, np.outer(by, by))
     return replace(
         found,
@@ -296,6 +301,12 @@ def _cost(posterior: Posterior, point: Point) -> float:
     """Give what all pixels cost under what was learnt last, with what is told of what they share."""
     cost = posterior.again(point).cost.sum()
     return float(cost + 0.5 * np.sum(((point.free - posterior.centre) / posterior.sigma) ** 2))
+
+
+def _narrowness(point: Point) -> float:
+    """Give minus the logarithm of the volume of what maps and thresholds of all pixels may be, but for a constant."""
+    n = point.theta.shape[1]
+    return float(0.5 * np.linalg.slogdet(point.matrix[:, :n, :n])[1].sum())
 
 
 def _posterior(pixels: Pixels, start: Start, told: Rig, tolerance: Told, names: tuple[str, ...]) -> Posterior:

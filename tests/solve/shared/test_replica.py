@@ -124,9 +124,9 @@ def test_maps_follow_and_leds_stay(case, found, off):
 
 def test_what_shared_values_may_be_off_by_is_left_open_of_maps(case, found):
     """Normals by as much as they turn with it, reflectances by as much as they follow, of the median pixel."""
-    owner = Basis.of(MOST, case.pixels.light.band).owner
-    by = np.where(owner == "shift", 1e-2, 0.0)
-    unsure, moved = less_sure(found, by, case.pixels, MOST), found.response @ by
+    basis = Basis.of(MOST, case.pixels.light.band)
+    by = np.where(basis.owner == "shift", 1e-2, 0.0)
+    unsure, moved = less_sure(found, by, basis), found.response @ by
     turned = np.sum(to_normal(found.theta) * to_normal(found.theta + moved), axis=1)
     angle = np.median(np.degrees(np.arccos(np.minimum(turned, 1))))
     grown = np.sqrt(unsure.normal_sigma_deg**2 - found.normal_sigma_deg**2)
