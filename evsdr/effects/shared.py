@@ -309,9 +309,12 @@ def widened(fitted: "Fitted", world: "World") -> Maps:
     found, maps = last_found(world.decisions), fitted.maps
     if not found:
         return maps
-    inferred = found.inferred
-    if world.gloss is None and fitted.solution.threshold_prior:
-        inferred = _torn(found, fitted)
+    inferred, apart = found.inferred, thresholds_apart(fitted, world)
+    if apart.any():
+        basis = Basis.of(found.names, fitted.problem.illumination.band)
+        by = np.zeros(len(basis.owner))
+        by[basis.owner == "thresholds"] = apart
+        inferred = less_sure(inferred, by, basis)
     open_deg = np.hypot(inferred.normal_sigma_deg, found.untold_deg)
     angle = np.where(maps.mask, open_deg, 0)
     relative = log_spread(np.square(inferred.log_reflectance_sigma)) * maps.reflectance
@@ -322,18 +325,18 @@ def widened(fitted: "Fitted", world: "World") -> Maps:
     )
 
 
-def _torn(found: SharedFound, fitted: "Fitted") -> Inferred:
-    """Count what mean thresholds were inferred and those of the maps are apart: either may be as far off.
+def thresholds_apart(fitted: "Fitted", world: "World") -> np.ndarray:
+    """Give how much larger mean thresholds of the maps are than those inferred, (2,) of C_on and C_off, of the logarithm.
 
-    Both are learnt from the events, the one with all else that pixels share, the other with what neighbours tell of all pixels. What of a pixel goes
-    otherwise than its model moves them differently. Under lobes those of a matt surface say nothing.
+    Both are learnt from the events, the ones with what neighbours tell of all pixels, the others with all else that pixels share: what of a pixel goes
+    otherwise than its model moves them differently, so either may be as far off. 0 where either is told, and under lobes, as those inferred
+    are of a matt surface.
     """
-    basis = Basis.of(found.names, fitted.problem.illumination.band)
-    apart = np.array(fitted.solution.threshold_prior[:2]) - found.inferred.rig.log_threshold
-    here = basis.owner == "thresholds"
-    by = np.zeros(len(here))
-    by[here] = apart if here.any() else 0
-    return less_sure(found.inferred, by, basis)
+    found = last_found(world.decisions)
+    prior = fitted.solution.threshold_prior
+    if world.gloss is not None or not prior or not found or "thresholds" not in found.names:
+        return np.zeros(2)
+    return np.array(prior[:2]) - found.inferred.rig.log_threshold
 
 
 class SharedEffect:

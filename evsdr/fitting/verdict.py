@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evsdr.effects.shared import WARNED, last_found, thresholds_apart
 from evsdr.effects.world import Fitted, World
 from evsdr.errors import InputWarning
 from evsdr.fitting.following import UNSETTLED
@@ -143,6 +144,7 @@ def doubts_of(world: World, fitted: Fitted) -> Iterator[str]:
             yield f"{source}: {decision.warning}"
         if decision.doubt:
             yield f"{source}: {decision.doubt}"
+    yield from torn_thresholds(world, fitted)
     yield from faint_light(world, fitted)
     yield from contrary_pixels(world, fitted)
     for name, values in threshold_summary(world.recording, fitted).items():
@@ -152,6 +154,21 @@ def doubts_of(world: World, fitted: Fitted) -> Iterator[str]:
                 f"{values['found']:.3g}; the latter was used: "
                 "check the camera's biases, or the surface is not matt."
             )
+
+
+def torn_thresholds(world: World, fitted: Fitted) -> Iterator[str]:
+    """Say that thresholds by which maps explain their events are others than those that were inferred with all else that pixels share."""
+    apart = thresholds_apart(fitted, world)
+    if not apart.any():
+        return
+    sigma = last_found(world.decisions).inferred.sigma.log_threshold
+    if (np.abs(apart) > np.maximum(WRONG_THRESHOLD, WARNED * sigma)).any():
+        on, off = np.expm1(np.abs(apart))
+        yield (
+            f"{world.recording.source}: the mean contrast thresholds are {on:.0%} (on) and {off:.0%} (off) apart as all pixels together "
+            "and as their maps have them, so that errors may be larger than sigmas say; measure them by python -m evsdr.calibrate "
+            "thresholds, and tell them."
+        )
 
 
 def unsettled_light(world: World, moved: float) -> Iterator[str]:

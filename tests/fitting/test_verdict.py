@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from evsdr.effects.effect import Decision
+from evsdr.effects.leds import LedPowers
 from evsdr.errors import InputWarning
 from evsdr.fitting.verdict import TRUSTWORTHY, Verdict, judge
+from tests.support.shared_worlds import decision as shared_decision
 from tests.support.told_fits import N, fitted, world
 
 ERROR = Decision("set-up", False, "", None, {"remedy": "mirror it"}, "the image is mirrored: look")
@@ -114,3 +116,17 @@ def test_one_verdict():
     assert str(Verdict()) == "trustworthy"
     assert str(Verdict((), ("a.", "b."))) == "doubtful: a. b."
     assert str(Verdict(("c.",), ("a.",))) == "contradicted: c."
+
+
+def test_thresholds_that_are_others_for_the_rig_than_for_the_maps_are_a_doubt():
+    """By a tenth and more, beyond what chance makes, and not where lobes tell why."""
+    found = shared_decision(LedPowers())  # 0.1 +- 0.01
+    told, apart = world(decisions={"LED powers": found}), fitted(prior=(0.1, -0.1, 0.1, 0.1))
+    assert said(
+        "^b.h5: the mean contrast thresholds are 0% .on. and 22% .off. apart", told, apart
+    ).startswith("doubtful: b.h5: ")
+    assert str(judge(told, fitted(prior=(0.15, 0.05, 0.1, 0.1)))) == TRUSTWORTHY
+    assert str(judge(world(decisions={"LED powers": found}, gloss="lobes"), apart)) == TRUSTWORTHY
+    sigma = replace(found.answer.inferred.sigma, log_threshold=np.full(2, 0.1))
+    vague = replace(found.answer, inferred=replace(found.answer.inferred, sigma=sigma))
+    assert str(judge(world(decisions={"a": replace(found, answer=vague)}), apart)) == TRUSTWORTHY

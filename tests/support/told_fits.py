@@ -10,7 +10,7 @@ from evsdr.records import Schedule, Sensor
 N = 100
 
 
-def fitted(gain=None, noise=0.1, noisy=0, known=N, scaled=N, busy=0, hidden=None):
+def fitted(gain=None, noise=0.1, noisy=0, known=N, scaled=N, busy=0, hidden=None, prior=None):
     """A fit; the first of its pixels are so noisy that they count for nothing, only some, or their scales, are known,
     and the first fire nine times as often; LED 2 is hidden from the first, where that is modelled."""
     factor = np.ones(N)
@@ -21,6 +21,7 @@ def fitted(gain=None, noise=0.1, noisy=0, known=N, scaled=N, busy=0, hidden=None
         threshold_gain=gain,
         threshold_gain_sigma=None if gain is None else np.full((N, 2), 0.02),
         prior_scale={"rank": 3},
+        threshold_prior=prior,
     )
     mask, mask_reflectance = ((np.arange(N) < n).reshape(10, 10) for n in (known, min(known, scaled)))
     reflectance = np.full((10, 10, 3), 0.5)
@@ -44,5 +45,5 @@ def world(constant_light=0.05, shape=False, **more):
     )
     leds = SimpleNamespace(band=[0, 1, 2], band_wavelength_nm=np.array([450.0, 550.0, 650.0]))
     ring = SimpleNamespace(path="a.xml", constant_light=constant_light, leds=leds, shape_is_known=shape)
-    given = dict(ring=ring, recording=recording, hot=None, decisions={}, shadows="none")
+    given = dict(ring=ring, recording=recording, hot=None, decisions={}, shadows="none", gloss=None)
     return SimpleNamespace(**given | more)
