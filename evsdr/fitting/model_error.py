@@ -12,9 +12,9 @@ from evsdr.records import Signals
 from evsdr.solve.discrepancy import common_share, excess_share, noise_of
 from evsdr.solve.noise import IGNORED
 
-# What residuals of a pixel are larger than those of most counts so many times more for its normal: maps have taken up some of what
+# What residuals of a pixel are larger than those of most counts so many times more for its maps: they have taken up some of what
 # the model lacks, and it goes together from LED to LED. Measured by hand, on maps of `experiments.draws` (15 of 0 to 24 and 900 to 913): with
-# this and `maps.RIM_TURN` 14 keep the promise for normals, with 2 12, without both 4; sigmas are 24 % larger. 0 to 27 as they come: see its README
+# this and `maps.RIM_TURN` 14 keep the promise for normals, with 2 12, without both 4; sigmas are 24 % larger. For reflectance, too: see experiments/draws. 0 to 27 as they come: see its README
 MISFIT = 3.0
 
 
@@ -22,8 +22,8 @@ def with_model_error(
     world: World, fitted: Fitted, matt: Fitted, solve: Decoder
 ) -> tuple[Fitted, Signals, Misfit]:
     """Let sigmas count what residuals of neighbours have in common or show beyond noise, what lobes of another
-    form leave, what other visibility would make of maps, the twins of normals of metal, and for normals what the pixel's
-    own residuals are larger than those of most.
+    form leave, what other visibility would make of maps, the twins of normals of metal, and what the pixel's own residuals
+    are larger than those of most.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def with_model_error(
 
 
 def of_misfit(factor: np.ndarray) -> np.ndarray:
-    """Give the share (n_pixel,) of what noise makes of a normal that a pixel's misfit makes beside it.
+    """Give the share (n_pixel,) of what noise makes of a pixel's maps that its misfit makes beside it.
 
     Parameters
     ----------
