@@ -9,12 +9,10 @@ import numpy as np
 from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import against
 from evsdr.model.illumination import Illumination
-from evsdr.records import Maps
 from evsdr.solve.shared.infer import Inferred, corrected, infer, less_sure, own_bias, turn_deg
 from evsdr.solve.shared.pixels import Pixels, choose, collect, is_far, turned
 from evsdr.solve.shared.posterior import Start
 from evsdr.solve.shared.rig import GROUPS, Basis, Rig, Told
-from evsdr.solve.unknowns import log_spread
 
 if TYPE_CHECKING:
     from evsdr.effects.world import Fitted, World
@@ -180,14 +178,14 @@ class _Asked:
         within three sigma; now 6.2. By cost alone one of its three searches stays away.
         """
         start = start or self.start
-        found = self._infer(start, names)
+        found = self._search(start, names)
         if "thresholds" not in names or not self._ran_away(found.rig):
             return found
-        held = self._infer(self._as_told(start), tuple(name for name in names if name != "thresholds"))
-        other = self._infer(_from(held), names)
+        held = self._search(self._as_told(start), tuple(name for name in names if name != "thresholds"))
+        other = self._search(_from(held), names)
         return min(found, other, key=lambda one: one.surprise)
 
-    def _infer(self, start: Start, names: tuple[str, ...]) -> Inferred:
+    def _search(self, start: Start, names: tuple[str, ...]) -> Inferred:
         return infer(self.pixels, start, self.rig, self.told, names, self.activity)
 
     def _ran_away(self, rig: Rig) -> bool:
@@ -302,41 +300,6 @@ def in_doubt(decisions: dict[str, Decision], name: str) -> bool:
     """Tell whether something of `rig.NAMES` that was found may as well be as told."""
     found = last_found(decisions)
     return found is not None and name in found.inferred.doubted
-
-
-def widened(fitted: "Fitted", world: "World") -> Maps:
-    """Add to the sigmas of maps what is left open of what pixels share, and what of it the events want but do not tell."""
-    found, maps = last_found(world.decisions), fitted.maps
-    if not found:
-        return maps
-    inferred, apart = found.inferred, thresholds_apart(fitted, world)
-    if apart.any():
-        basis = Basis.of(found.names, fitted.problem.illumination.band)
-        by = np.zeros(len(basis.owner))
-        by[basis.owner == "thresholds"] = apart
-        inferred = less_sure(inferred, by, basis)
-    open_deg = np.hypot(inferred.normal_sigma_deg, found.untold_deg)
-    angle = np.where(maps.mask, open_deg, 0)
-    relative = log_spread(np.square(inferred.log_reflectance_sigma)) * maps.reflectance
-    return replace(
-        maps,
-        normal_sigma_deg=np.hypot(maps.normal_sigma_deg, angle, dtype=np.float32),
-        reflectance_sigma=np.minimum(np.hypot(maps.reflectance_sigma, relative, dtype=np.float32), 1),
-    )
-
-
-def thresholds_apart(fitted: "Fitted", world: "World") -> np.ndarray:
-    """Give how much larger mean thresholds of the maps are than those inferred, (2,) of C_on and C_off, of the logarithm.
-
-    Both are learnt from the events, the ones with what neighbours tell of all pixels, the others with all else that pixels share: what of a pixel goes
-    otherwise than its model moves them differently, so either may be as far off. 0 where either is told, and under lobes, as those inferred
-    are of a matt surface.
-    """
-    found = last_found(world.decisions)
-    prior = fitted.solution.threshold_prior
-    if world.gloss is not None or not prior or not found or "thresholds" not in found.names:
-        return np.zeros(2)
-    return np.array(prior[:2]) - found.inferred.rig.log_threshold
 
 
 class SharedEffect:

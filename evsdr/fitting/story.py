@@ -19,13 +19,13 @@ from evsdr.effects.leds import LedDirections, LedPowers
 from evsdr.effects.metal import Metal, RoughnessOfMetal
 from evsdr.effects.near_leds import DepthOfNearLeds, DistanceOfNearLeds, NearLeds
 from evsdr.effects.outline import Outline
-from evsdr.effects.payment import paid
+from evsdr.effects.payment import paid, widened
 from evsdr.effects.rays import Rays, RaysOnFit
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.rough import RoughMatt
 from evsdr.effects.setup import SetUp, Wiring
 from evsdr.effects.shadows import Shadows, ShadowsInEvents, ShadowsOnFit, ShadowsOrGloss
-from evsdr.effects.shared import SharedFound, find_shared, last_found, widened
+from evsdr.effects.shared import SharedFound, find_shared, last_found
 from evsdr.effects.thresholds import Thresholds, ThresholdScale, ThresholdsUnderVeil
 from evsdr.effects.translucent import Translucency
 from evsdr.effects.world import TRIAL_RAYS, Fitted, Terms, World

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evsdr.effects.shared import WARNED, last_found, thresholds_apart
+from evsdr.effects.payment import thresholds_apart
+from evsdr.effects.shared import WARNED, last_found
 from evsdr.effects.world import Fitted, World
 from evsdr.errors import InputWarning
 from evsdr.fitting.following import UNSETTLED

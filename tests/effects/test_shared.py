@@ -14,8 +14,9 @@ from evsdr.effects.lag import PhotoreceptorLag
 from evsdr.effects.leak import Leak
 from evsdr.effects.leds import LedDirections, LedPowers
 from evsdr.effects.near_leds import DistanceOfNearLeds
+from evsdr.effects.payment import widened
 from evsdr.effects.refractory import Refractory
-from evsdr.effects.shared import Aim, find_shared, plus_minus, widened
+from evsdr.effects.shared import Aim, find_shared, plus_minus
 from evsdr.effects.thresholds import ThresholdScale
 from evsdr.effects.world import Fitted, Memo, Terms
 from evsdr.model.illumination import Illumination

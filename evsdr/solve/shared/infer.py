@@ -137,7 +137,7 @@ def infer(
         again = posterior.at(point.theta, free, departure=point.departures.value)
         other, new, more = _settle(posterior, again, tolerance)
         n_step += more
-        if _cost(other, new) < _cost(posterior, point):
+        if _cost(other, other.again(new)) < _cost(posterior, posterior.again(point)):
             posterior, point = other, new
     left = [name for name in TIMES if name not in (*names, CONSIDERED) and getattr(told, name) == 0]
     posterior = replace(posterior, stirred=(*names, *left))
@@ -298,9 +298,8 @@ def _settle(
 
 
 def _cost(posterior: Posterior, point: Point) -> float:
-    """Give what all pixels cost under what was learnt last, with what is told of what they share."""
-    cost = posterior.again(point).cost.sum()
-    return float(cost + 0.5 * np.sum(((point.free - posterior.centre) / posterior.sigma) ** 2))
+    """Give what all pixels cost at a point of this posterior, with what is told of what they share."""
+    return float(point.cost.sum() + 0.5 * np.sum(((point.free - posterior.centre) / posterior.sigma) ** 2))
 
 
 def _narrowness(point: Point) -> float:
