@@ -26,6 +26,7 @@ class FakeRing(StandIn):
     def __init__(self, protocol=1, spoil=lambda line: line, round_s=0.05):
         super().__init__(round_s, protocol)
         self.spoil, self.commands, self.silent = spoil, [], False
+        self.pressed = threading.Event()
 
     def __enter__(self):
         self.master, slave = os.openpty()
@@ -46,6 +47,8 @@ class FakeRing(StandIn):
         rest = b""
         while self.open:
             self.advance(time.monotonic())
+            if self.pressed.is_set():
+                self.boot()
             if not select.select([self.master], [], [], 0.002)[0]:
                 continue
             *lines, rest = (rest + os.read(self.master, 4096)).split(b"\n")
@@ -53,7 +56,12 @@ class FakeRing(StandIn):
                 self.hear(unframe(self.spoil(line)))
 
     def reset(self):
-        """Start anew, as after a press of the button."""
+        """Press the button; the thread that answers starts anew, so that it says so before any answer."""
+        self.pressed.set()
+
+    def boot(self):
+        """Start anew."""
+        self.pressed.clear()
         self.lit, self.light, self.rounds, self.cause = False, False, 0, "none"
         self.say("# BOOT fake protocol=1 reset=2")
 
