@@ -74,7 +74,9 @@ def step(system: PixelSystem, theta: list, terms: list, damping, idle, tolerance
     terms = [dr.select(better, new, old) for new, old in zip(new_terms, terms)]
     damping = dr.clip(damping * dr.select(better, SHRINK, GROW), *DAMPING_RANGE)
     idle = dr.select(gains, Float(0.0), idle + 1.0)
-    return theta, terms, damping, idle, dr.sum(dr.select(gains, Float(1.0), 0.0))
+    gaining = dr.select(gains, Float(1.0), 0.0)
+    dr.eval(theta, terms, damping, idle, gaining)  # at once: a sum alone would evaluate the terms for itself
+    return theta, terms, damping, idle, dr.sum(gaining)
 
 
 @recorded

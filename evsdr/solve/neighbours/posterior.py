@@ -216,7 +216,9 @@ def _move(theta: list, step: list, right: list):
     """Limit a step; gives it, where it leads, and what the posterior should gain by it."""
     trial = Unknowns.moved(theta, [dr.clip(s, -LARGEST_MOVE, LARGEST_MOVE) for s in step])
     move = [new - old for new, old in zip(trial, theta)]
-    return move, trial, dr.sum(0.5 * sum(m * r for m, r in zip(move, right)))
+    gain = 0.5 * sum(m * r for m, r in zip(move, right))
+    dr.eval(move, trial, gain)
+    return move, trial, dr.sum(gain)
 
 
 def _where_events_agree(now: Climb, first: Climb) -> Climb:

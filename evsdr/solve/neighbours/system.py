@@ -140,10 +140,16 @@ def _coloured(system: JointSystem, white: list, noise: list, links: Links) -> li
 # ---------------------------------------------------------------------- conjugate gradients
 
 
+def _along(a: list, b: list):
+    return sum(v * w for v, w in zip(a, b))
+
+
 @recorded
 def _begin(system: JointSystem, right: list):
     z = triangles.solve(system.lower, system.pivot, right)
-    return z, dr.sum(sum(r * s for r, s in zip(right, z)))
+    along = _along(right, z)
+    dr.eval(z, along)
+    return z, dr.sum(along)
 
 
 @recorded
@@ -153,15 +159,17 @@ def _step(system: JointSystem, links: Links, x: list, r: list, p: list, rho):
         for f in system.forms
     ]
     q = _added(triangles.multiply(system.matrix, p), products)
-    curvature = dr.sum(sum(a * b for a, b in zip(p, q)))
-    dr.eval(q, curvature)
+    along = _along(p, q)
+    dr.eval(q, along)  # at once: a sum alone would evaluate what it is of for itself
+    curvature = dr.sum(along)
     # by rounding a matrix of badly known pixels can be indefinite: then the step so far stands (Steihaug 1983)
     alpha = dr.select(curvature > 0, rho / curvature, 0.0)
     x = [a + alpha * b for a, b in zip(x, p)]
     r = [a - alpha * b for a, b in zip(r, q)]
     z = triangles.solve(system.lower, system.pivot, r)
-    new_rho = dr.sum(sum(a * b for a, b in zip(r, z)))
-    dr.eval(x, r, z, new_rho)
+    along = _along(r, z)
+    dr.eval(x, r, z, along)
+    new_rho = dr.sum(along)
     beta = new_rho / dr.maximum(rho, 1e-30)
     p = [a + beta * b for a, b in zip(z, p)]
     return x, r, p, new_rho
