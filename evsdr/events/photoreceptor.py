@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from evsdr.events.lead import TABLE, kept, lead_of
-from evsdr.events.receptor import MOST_NODES, follow, late_at, light_at, own_rate, shown_at
+from evsdr.events.receptor import N_COLUMN, follow, late_at, light_at, own_rate, shown_at
 from evsdr.threads import N_CHUNK, in_chunks
 
 SHORTEST = 1e-6  # time constant: faster ones show the light of now
@@ -100,7 +100,7 @@ def _shown(
 ):
     """See `Photoreceptors.shown`; writes fired, memorised, ahead, left, the two answers and the two logarithms."""
     n_pixel, n_slot = len(offset) - 1, light.shape[1]
-    nodes, nodes_more = np.zeros((n_slot, MOST_NODES + 2)), np.zeros((n_slot, MOST_NODES + 2))
+    nodes, nodes_more = np.zeros((n_slot, N_COLUMN)), np.zeros((n_slot, N_COLUMN))
     nowhere = np.ones(n_slot)
     each = (n_pixel + N_CHUNK - 1) // N_CHUNK
     for pixel in range(chunk * each, min((chunk + 1) * each, n_pixel)):
@@ -139,7 +139,7 @@ def _shown(
 def _shown_at_starts(chunk, light, row_of, crossfade, tau, dark, offset, slot, out):
     """See `Photoreceptors.phases`; a pixel shows the same at each start of a slot."""
     n_pixel, n_slot = len(offset) - 1, light.shape[1]
-    nodes, shown = np.zeros((n_slot, MOST_NODES + 2)), np.empty(n_slot, np.float32)
+    nodes, shown = np.zeros((n_slot, N_COLUMN)), np.empty(n_slot, np.float32)
     each = (n_pixel + N_CHUNK - 1) // N_CHUNK
     for pixel in range(chunk * each, min((chunk + 1) * each, n_pixel)):
         if offset[pixel] == offset[pixel + 1]:

@@ -11,25 +11,28 @@ from numba import njit
 
 NODE = 0.15  # change of log I between two nodes
 MOST_NODES = 40  # of a ramp
+N_COLUMN, RISE = (
+    MOST_NODES + 3,
+    MOST_NODES + 2,
+)  # of what `follow` writes, and where log I's change over the ramp stands
 N_BEFORE = 8  # slots in which the lag settles before the first one
 
 
 @njit(cache=True, error_model="numpy")
-def _step(late, light, light_then, duration, slope, tau, dark):
-    """Give log I - v after a part of a ramp."""
+def _step(late, light, light_then, change, duration, slope, tau, dark):
+    """Give log I - v after a part of a ramp, over which log I changes by `change`."""
     own = duration * (0.5 * (light + light_then) + dark) / tau
     if own <= 0:
         return late
     gone = -np.expm1(-own)
-    change = np.log(light_then / light)
     bend = slope * tau * (1 / (light_then * (light_then + dark)) - 1 / (light * (light + dark))) / own
     start = change / own - 0.5 * bend * own
     return late * (1 - gone) + start * gone + bend * (own - gone)
 
 
 @njit(cache=True)
-def _n_node(light, light_then):
-    return min(1 + int(abs(np.log(light_then / light)) / NODE), MOST_NODES)
+def _n_node(rise):
+    return min(1 + int(abs(rise) / NODE), MOST_NODES)
 
 
 @njit(cache=True, error_model="numpy")
@@ -41,8 +44,9 @@ def follow(light, tau, dark, crossfade, nodes):
     light : (n_slot,) float64
         I with each slot's LED fully lit.
     tau, dark, crossfade : float
-    nodes : (n_slot, MOST_NODES + 2) float64
-        Written: log I - v where each slot starts, and at the nodes of its ramp from the start of that on.
+    nodes : (n_slot, N_COLUMN) float64
+        Written: log I - v where each slot starts, and at the nodes of its ramp from the start of that on; then by how much
+        log I changes over the ramp.
     """
     n_slot, late = len(light), 0.0
     for k in range(-min(N_BEFORE, n_slot), n_slot):
@@ -53,12 +57,14 @@ def follow(light, tau, dark, crossfade, nodes):
         if crossfade == 0:
             late += np.log(then / start)
             continue
-        n, slope = _n_node(start, then), (then - start) / crossfade
-        ratio, here = (then / start) ** (1.0 / n), start
+        rise, slope = np.log(then / start), (then - start) / crossfade
+        n = _n_node(rise)
+        nodes[k % n_slot, RISE] = rise
+        each, ratio, here = rise / n, np.exp(rise / n), start
         for i in range(n):
             there = here * ratio
             duration = (there - here) / slope if slope != 0 else crossfade
-            late = _step(late, here, there, duration, slope, tau, dark)
+            late = _step(late, here, there, each, duration, slope, tau, dark)
             nodes[k % n_slot, 2 + i] = late
             here = there
 
@@ -72,14 +78,14 @@ def late_at(at, light, tau, dark, crossfade, nodes):
     if past <= 1 - crossfade or crossfade == 0:
         return nodes[slot, 0] * np.exp(-past * (start + dark) / tau)
     fade = (past - (1 - crossfade)) / crossfade
-    now, slope = start + fade * (then - start), (then - start) / crossfade
-    n = _n_node(start, then)
-    each = np.log(then / start) / n
-    if slope == 0 or each == 0:
+    now, slope, rise = start + fade * (then - start), (then - start) / crossfade, nodes[slot, RISE]
+    if slope == 0 or rise == 0:
         return nodes[slot, 1] * np.exp(-fade * crossfade * (start + dark) / tau)
-    i = min(max(int(np.log(now / start) / each), 0), n - 1)
-    here = start * np.exp(i * each)
-    return _step(nodes[slot, 1 + i], here, now, (now - here) / slope, slope, tau, dark)
+    n, risen = _n_node(rise), np.log(now / start)
+    i = min(max(int(risen * n / rise), 0), n - 1)
+    before = i * rise / n
+    here = start * np.exp(before)
+    return _step(nodes[slot, 1 + i], here, now, risen - before, (now - here) / slope, slope, tau, dark)
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,7 +8,7 @@ from numba import njit
 from scipy.linalg import expm
 
 from evsdr.events.lead import POLES, TABLE, TRIES, kept, lead_of, read_lead
-from evsdr.events.receptor import MOST_NODES
+from evsdr.events.receptor import N_COLUMN
 
 N_PATH, STEP = 1000, 0.02  # paths, and time constants per step
 HIGHEST = 5.0  # standard deviations from which a level sinks
@@ -76,14 +76,14 @@ def test_noise_is_kept_as_its_poles_say(own_time):
 
 
 def test_how_fast_a_threshold_comes_nearer_is_told_by_the_lag():
-    nodes, noise = np.zeros((3, MOST_NODES + 2)), 0.01
+    nodes, noise = np.zeros((3, N_COLUMN)), 0.01
     assert lead_of(TABLE, noise, 0.02, 10.0, 1.5, nodes, 1.0, 0.0) == read_lead(TABLE, 0.5, 0.0)
     assert lead_of(TABLE, noise, -0.02, 10.0, 1.5, nodes, 1.0, 0.0) == read_lead(TABLE, 0.5, 0.0)
 
 
 def test_light_that_rests_lets_noise_try_since_it_came_to_rest():
     """Without that a level that has come to rest long ago would be met by infinitely many tries."""
-    nodes, noise, own = np.zeros((3, MOST_NODES + 2)), 0.01, 10.0
+    nodes, noise, own = np.zeros((3, N_COLUMN)), 0.01, 10.0
     nodes[1, 0] = -0.05
     told = lead_of(TABLE, noise, 0.0, own, 1.25, nodes, 0.5, 0.0)
     assert told == pytest.approx(read_lead(TABLE, 0.2 + TRIES * own * 0.25, 0.0))

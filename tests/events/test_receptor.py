@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evsdr.events.receptor import (
-    MOST_NODES,
+    N_COLUMN,
     follow,
     late_at,
     light_at,
@@ -27,7 +27,7 @@ def lights(rng):
 @pytest.mark.parametrize("crossfade", CROSSFADES)
 @pytest.mark.parametrize("tau", [TAU, 10 * TAU])
 def test_a_lag_obeys_its_equation(lights, tau, crossfade, dark):
-    nodes, largest = np.zeros((N_SLOT, MOST_NODES + 2)), 0.0
+    nodes, largest = np.zeros((N_SLOT, N_COLUMN)), 0.0
     for light in lights:
         follow(light, tau, dark, crossfade, nodes)
         position, log_now, v = stepped(light, tau, dark, crossfade)
@@ -43,7 +43,7 @@ def test_a_lag_obeys_its_equation(lights, tau, crossfade, dark):
 def test_a_dark_current_makes_it_faster(lights):
     light, late = lights[0], []
     for dark in (0.0, 0.2):
-        nodes = np.zeros((N_SLOT, MOST_NODES + 2))
+        nodes = np.zeros((N_SLOT, N_COLUMN))
         follow(light, 10 * TAU, dark, 1.0, nodes)
         late.append(abs(late_at(1.9, light, 10 * TAU, dark, 1.0, nodes)))
     assert late[1] < 0.6 * late[0]
@@ -52,7 +52,7 @@ def test_a_dark_current_makes_it_faster(lights):
 @pytest.mark.parametrize("crossfade", CROSSFADES)
 def test_the_light_that_is_shown_was_there(lights, crossfade):
     """At slot and fade that are told the light was exp(v), and not long ago."""
-    nodes, n = np.zeros((N_SLOT, MOST_NODES + 2)), 0
+    nodes, n = np.zeros((N_SLOT, N_COLUMN)), 0
     for light in lights:
         follow(light, TAU, 0.0, crossfade, nodes)
         for at in np.linspace(0.013, N_SLOT - 0.01, 150):

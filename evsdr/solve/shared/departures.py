@@ -5,7 +5,7 @@ events, and a lag of another length. Each is an unknown of its own, log A_xj + d
 events tell. They are eliminated pixel by pixel, so that what is left has the form it had without.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -51,11 +51,12 @@ class Departures:
         led = slice(n, n + self.value.shape[1])
         return slope - slope[:, :, led] @ self.follow
 
-    def where(self, some: np.ndarray, other: "Departures") -> "Departures":
-        """Take those of some pixels (n_pixel,) bool from others."""
-        names = "value", "follow", "rest", "left"
-        pairs = ((getattr(other, name), getattr(self, name)) for name in names)
-        return Departures(*(np.where(some.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
+    def put(self, some: np.ndarray, other: "Departures") -> "Departures":
+        """Put others in the place of some pixels (n,) int."""
+        values = {field.name: getattr(self, field.name).copy() for field in fields(self)}
+        for name, value in values.items():
+            value[some] = getattr(other, name)
+        return Departures(**values)
 
     def learnt(self, matrix: np.ndarray, n: int, heard: np.ndarray, before: float) -> float:
         """Learn their standard deviation by its evidence (MacKay 1992, Neural Comput. 4(3), eq. 4.12), from pixels that are heard.

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from evsdr.events.lead import kept, lead_of, poles_of
-from evsdr.events.receptor import MOST_NODES, follow, late_at, light_at, phase_at, shown_at
+from evsdr.events.receptor import N_COLUMN, follow, late_at, light_at, phase_at, shown_at
 from evsdr.solve.law import GAUSS, SHARE, SLOWEST, STUDENT
 from evsdr.solve.shared.rig import N_TIMING
 from evsdr.threads import N_CHUNK, in_chunks
@@ -238,7 +238,7 @@ def _run(
     pole = values[0, POLE]
     others = np.flatnonzero(moved_by[NOISE:]) + NOISE + 1  # another noise, another pole
     row, light = np.zeros(n_all), np.zeros(n_slot)
-    nodes, shown = np.zeros((3, n_slot, MOST_NODES + 2)), np.zeros((3, n_slot))
+    nodes, shown = np.zeros((3, n_slot, N_COLUMN)), np.zeros((3, n_slot))
     met, reference, rarity, noise = np.zeros(5), np.zeros(5), np.zeros(5), np.zeros((5, 2))
     lates = np.zeros((2, 3))  # log I - v by `sets`, where the reference is memorised and where v is looked at
     for i in some[chunk::N_CHUNK]:

@@ -16,6 +16,7 @@ from evsdr.model.arrays import columns, owned
 from evsdr.model.illumination import Illumination
 from evsdr.records import Recording
 from evsdr.solve.levenberg import horizon
+from evsdr.solve.pair_data import Table, room_for
 from evsdr.solve.problem import Problem
 from evsdr.solve.shared.kernel import Terms, pixel_sums
 from evsdr.solve.shared.rig import TIMES, Rig, across
@@ -174,8 +175,10 @@ class Pixels:
     def _signals(self, light: Illumination, theta: np.ndarray) -> np.ndarray:
         """Give the first four of them (4, n_led, n_pixel) under some light."""
         model = replace(self.model, illumination=light)
-        parts = _signals(model, columns(type(light.constant_light), theta), self.softness)
-        return np.array([[np.broadcast_to(v.numpy(), len(theta)) for v in part] for part in parts], float)
+        Float = type(light.constant_light)
+        room = room_for(Float, len(theta), light.n_led)
+        values = _signals(model, columns(Float, theta), self.softness, room).numpy()
+        return values.reshape(len(theta), -1, 4)[:, :-1].transpose(2, 1, 0).astype(float)
 
     def speed(self, theta: np.ndarray, rig: Rig) -> float:
         """Give by how much log I changes in a slot where it changes, as its events see it on average; never 0."""
@@ -262,9 +265,11 @@ def stirred_values(rig: Rig, stirred: tuple[str, ...], shortest: float = SHORTES
 
 
 @recorded
-def _signals(model, theta: list, softness):
+def _signals(model, theta: list, softness, room):
+    """Lay signals, their slope derivatives and the part that scales with the reflectance out, see `Table.of`."""
     signal, by_p, by_q, *diffuse = model(theta[0], theta[1], [dr.exp(t) for t in theta[2:]], softness)
-    return signal, by_p, by_q, diffuse[0] if diffuse else signal
+    rows = zip(signal, by_p, by_q, diffuse[0] if diffuse else signal)
+    return Table.of([list(row) for row in rows], dr.width(theta[0]), room).values
 
 
 def is_far(light: Illumination) -> bool:

@@ -148,9 +148,12 @@ class Posterior:
         some: np.ndarray | None = None,
         departure: np.ndarray | None = None,
     ) -> Point:
-        """Evaluate it, or only that of some pixels, (n,) int; departures (n_pixel, n_led) are 0 by default."""
+        """Evaluate it, or only the rows of some pixels, (n,) int; departures (n_pixel, n_led) are 0 by default."""
         departure = np.zeros((len(theta), self.pixels.light.n_led)) if departure is None else departure
-        return self._point(theta, free, departure, *self._sums(theta, free, departure, some))
+        *of_pixels, residual, variance = self._sums(theta, free, departure, some)
+        if some is not None:
+            theta, departure, *of_pixels = (values[some] for values in (theta, departure, *of_pixels))
+        return self._point(theta, free, departure, *of_pixels, residual, variance)
 
     def again(self, point: Point) -> Point:
         """Evaluate it once more, after something was learnt."""
@@ -291,18 +294,23 @@ class Posterior:
 
     def kept(self, old: Point, new: Point, worse: np.ndarray) -> Point:
         """Leave the maps of some pixels, (n_pixel,) bool, as they were; what is shared moves anyway."""
+        some = np.flatnonzero(worse)
         both = (old.theta, new.theta), (old.departures.value, new.departures.value)
         theta, departure = (np.where(worse[:, None], *of) for of in both)
-        stayed = self.at(theta, new.free, np.flatnonzero(worse), departure)
+        stayed = self.at(theta, new.free, some, departure)
         of_event = np.repeat(worse, np.diff(self.pixels.events[0]))
 
-        def choose(name, which):
-            a, b = getattr(new, name), getattr(stayed, name)
-            return np.where(which.reshape(-1, *[1] * (a.ndim - 1)), b, a)
+        def put(name):
+            values = getattr(new, name).copy()
+            values[some] = getattr(stayed, name)
+            return values
 
-        of_pixels = {name: choose(name, worse) for name in ("theta", "cost", "gradient", "matrix")}
-        of_events = {name: choose(name, of_event) for name in ("residual", "variance")}
-        departures = new.departures.where(worse, stayed.departures)
+        of_pixels = {name: put(name) for name in ("theta", "cost", "gradient", "matrix")}
+        of_events = {
+            name: np.where(of_event, getattr(stayed, name), getattr(new, name))
+            for name in ("residual", "variance")
+        }
+        departures = new.departures.put(some, stayed.departures)
         return replace(new, **of_pixels, **of_events, departures=departures)
 
     def risen(self, old: Point, new: Point) -> float:
