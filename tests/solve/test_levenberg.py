@@ -1,13 +1,17 @@
 from types import SimpleNamespace
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 
 from evsdr.metrics import angular_error_deg
+from evsdr.model.lambert import LambertianRing
 from evsdr.solve import levenberg, recipes
-from evsdr.solve.system import PixelSystem
-from evsdr.solve.unknowns import normal_sigma_deg, to_theta
+from evsdr.solve.loop import data_of, start_of
+from evsdr.solve.loss import Loss
+from evsdr.solve.system import PixelSystem, system_of
+from evsdr.solve.unknowns import first_theta, normal_sigma_deg, to_theta
 from tests.support.sphere import ALONE, PAIRS_ALONE, SPECTRUM, errors, solve, sphere_problem
 
 
@@ -46,6 +50,26 @@ def test_sigma_of_slopes_is_the_angle_that_sampling_shows(rng):
     sampled = np.sqrt(np.mean(angular_error_deg(normal, np.array([-p, -q, 1.0])) ** 2))
     sigma = normal_sigma_deg(np.array([p]), np.array([q]), covariance[None])[0]
     assert sigma == pytest.approx(sampled, rel=0.02)
+
+
+def test_a_step_hears_the_events_once():
+    """What is summed over the pixels is not evaluated apart from what they keep."""
+    problem, _ = sphere_problem(8, event_noise=0.1)
+    light, n = problem.illumination, problem.n_pixel
+    data = data_of(LambertianRing(light), problem.pairs, light.constant_light, problem.grid, 2.0)
+    theta = first_theta(np.tile([0.0, 0.0, 1.0], (n, 1)), light.n_band, False, mi.Float)
+    system = system_of(data, start_of(data, theta, None), Loss(2.0, True, True))
+    terms, (damping, idle, tolerance) = levenberg.evaluate(system, theta), map(mi.Float, (0.01, 0.0, 0.1))
+    damping, idle = damping + dr.zeros(mi.Float, n), idle + dr.zeros(mi.Float, n)
+    dr.eval(theta, terms, damping, idle, tolerance)
+    flags = dr.JitFlag.KernelHistory, dr.JitFlag.KernelFreezing
+    with dr.scoped_set_flag(flags[0], True), dr.scoped_set_flag(flags[1], False):
+        dr.kernel_history_clear()
+        dr.eval(levenberg.step(system, theta, terms, damping, idle, tolerance))
+        dr.sync_thread()
+        code = [kernel["ir"].getvalue() for kernel in dr.kernel_history([dr.KernelType.JIT])]
+    for loop in ("event terms", "silence terms"):
+        assert sum(f"Symbolic loop: {loop}" in text for text in code) == 1
 
 
 def test_pixels_that_have_settled_rest(monkeypatch):

@@ -15,6 +15,7 @@ from evsdr.solve.neighbours.spectra import Spectra
 from evsdr.solve.neighbours.student import FREEDOM
 from evsdr.solve.neighbours.system import (
     JointSystem,
+    _step,
     add_spectra,
     draw,
     make_system,
@@ -98,6 +99,23 @@ def test_the_joint_system_is_that_of_dense_matrices(system, rng):
     np.testing.assert_allclose(
         np.array([v.numpy() for v in x]).T, expected, atol=0.02 * np.abs(expected).max()
     )
+
+
+def test_a_step_of_conjugate_gradients_multiplies_once(system, rng, monkeypatch):
+    """What is summed over the pixels has been evaluated with all else; a sum would evaluate it for itself."""
+    joint, links, _ = system
+    x, r, p = (arrays(rng.normal(size=(N, np.count_nonzero(MASK)))) for _ in range(3))
+    total, summed = dr.sum, []
+
+    def sum_of(values, *axis):
+        if dr.width(values) > 1:
+            summed.append(values.state)
+        return total(values, *axis)
+
+    monkeypatch.setattr(dr, "sum", sum_of)
+    with dr.scoped_set_flag(dr.JitFlag.KernelFreezing, False):
+        _step(joint, links, x, r, p, mi.Float(1.0))
+    assert summed == [dr.VarState.Evaluated] * 2
 
 
 def test_draws_scatter_as_the_inverse_of_the_matrix(system):
