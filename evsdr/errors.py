@@ -1,6 +1,8 @@
 """What goes wrong with input, as plain sentences, and checks that many share."""
 
 import math
+import shlex
+import sys
 from pathlib import Path
 
 
@@ -103,3 +105,13 @@ def check_address_space(what: str, n_bytes: float) -> None:
             f"{what} would need {n_bytes / 2**30:.3g} GiB of address space, but {free / 2**30:.3g} GiB are left "
             "to this process; raise its limit, as by `ulimit -v unlimited`."
         )
+
+
+def lacking(package: str) -> str:
+    """Say in a sentence that this Python lacks a package, and which one has it or how it gets it."""
+    root, python = Path(__file__).resolve().parents[1], shlex.quote(sys.executable)
+    ready, project = root / ".venv" / "bin" / "activate", root / "pyproject.toml"
+    remedy = f"type {python} -m pip install {shlex.quote(str(root)) if project.exists() else 'evsdr'}"
+    if ready.exists() and Path(sys.prefix).resolve() != root / ".venv":
+        remedy = f"type . {shlex.quote(str(ready))} first"
+    return f"{sys.executable} has no package {package}; {remedy}."

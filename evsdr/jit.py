@@ -14,7 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from evsdr.errors import InputError, check_address_space
+from evsdr.errors import InputError, check_address_space, lacking
 from evsdr.signals import undisturbed
 from evsdr.threads import most_threads
 
@@ -77,6 +77,8 @@ def start(variant: str | None = None) -> None:
         with undisturbed():  # they abort the process where an import is stopped
             import drjit as dr
             import mitsuba as mi
+    except ModuleNotFoundError as error:
+        raise InputError(lacking(error.name)) from error
     except (ImportError, NameError) as error:  # a missing system library is a NameError in drjit 1.5
         cause = error.__context__ or error
         remedy = f"install what is missing, such as: {install_command()}"

@@ -175,15 +175,28 @@ def test_no_library_names_the_command(monkeypatch, manager, command):
         jit.start()
 
 
-def test_missing_system_library_is_named(monkeypatch):
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (
+            ImportError("libatomic.so.1: cannot open shared object file"),
+            r"Mitsuba can't be loaded \(libatomic\.so\.1: .*\); install",
+        ),
+        (
+            ModuleNotFoundError("No module named 'mitsuba'", name="mitsuba"),
+            ".* has no package mitsuba; type ",
+        ),
+    ],
+)
+def test_what_is_missing_is_named(monkeypatch, error, said):
     class Absent:
         def find_spec(self, name, path=None, target=None):
             if name == "mitsuba":
-                raise ImportError("libatomic.so.1: cannot open shared object file")
+                raise error
 
     monkeypatch.delitem(sys.modules, "mitsuba")
     monkeypatch.setattr(sys, "meta_path", [Absent(), *sys.meta_path])
-    with pytest.raises(InputError, match=r"^Mitsuba can't be loaded \(libatomic\.so\.1: .*\); install"):
+    with pytest.raises(InputError, match=f"^{said}"):
         jit.start()
 
 
