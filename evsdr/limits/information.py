@@ -152,7 +152,8 @@ def _of_block(
         n_pair += np.diff(told[pixels.events[0]]) / repeats
     if not tilted:
         matrix = np.pad(matrix, ((0, 0), *[(0, 2 * plan.light.n_led)] * 2))
-    return matrix[:, :n, :n], matrix[:, :n, n:], matrix[:, n:, n:].sum(axis=0), n_pair
+    own, cross = matrix[:, :n, :n].copy(), matrix[:, :n, n:].copy()  # views would hold all of it
+    return own, cross, matrix[:, n:, n:].sum(axis=0), n_pair
 
 
 def information_of(

@@ -97,6 +97,25 @@ def test_many_pixels_tell_what_they_share():
     assert np.degrees(np.sqrt(np.mean(open_.shared.tilt**2))) > 2 * np.sqrt(3 / 48)
 
 
+def test_of_large_objects_a_lattice_is_judged(monkeypatch):
+    """What pixels share is told as well as by all of them, and the others are as their neighbours; the rim is left out."""
+    normal, mask = sphere_normals(24)
+    inner = mask & (normal[..., 2] > 0.5)
+    whole = limit_of(normal, inner)
+    monkeypatch.setattr("evsdr.limits.bound.MOST", np.count_nonzero(inner) // 3)
+    some = limit_of(normal, inner)
+    ratio = some.shared.log_power / whole.shared.log_power
+    assert np.abs(ratio - 1).max() < 0.1
+    for which in ("told", "unknown"):
+        few, all_ = (getattr(limit, which) for limit in (some, whole))
+        for name in ("normal_sigma_deg", "reflectance_sigma"):
+            found, expected = getattr(few, name), getattr(all_, name)
+            np.testing.assert_allclose(found[inner][::7].mean(), expected[inner][::7].mean(), rtol=0.15)
+            np.testing.assert_array_equal(found[~inner], expected[~inner])
+    assert len(np.unique(some.told.normal_sigma_deg[inner])) < 0.35 * np.count_nonzero(inner)
+    np.testing.assert_allclose(some.n_pair[inner].mean(), whole.n_pair[inner].mean(), rtol=0.05)
+
+
 def test_only_a_lag_leaves_its_times_unknown():
     ideal, evk4 = (plan_of(many([0.3, 0.2, 1], 1), pixel=p) for p in (PIXEL, EventPixel()))
     assert unknown_names(ideal, DIRECTIONS_TOLD) == ("powers", "refractory", "leak", "thresholds")
