@@ -107,7 +107,8 @@ def _unforeseen(name: str, argv: list[str] | None, error: Exception) -> str:
 
 def print_table(title: str, rows: list[tuple[str, str]]) -> None:
     """Print names and figures."""
-    table = Table(title=Text(title), show_header=False)  # Text: brackets in it are no markup
+    text = Text(title)  # brackets in it are no markup
+    table = Table(title=text, show_header=False, min_width=max(line.cell_len for line in text.split()))
     table.add_column()
     table.add_column(justify="right")
     for row in rows:

@@ -185,6 +185,11 @@ def test_table_shows_brackets(capsys):
     assert all(text in out for text in ("a[/b] [bold]", "time [s]", "1.5", "[red]", "[/]"))
 
 
+def test_a_title_stays_on_its_line(capsys):
+    print_table("jobs.results.csv", [("done", "1")])
+    assert capsys.readouterr().out.splitlines()[0].strip() == "jobs.results.csv"
+
+
 @pytest.mark.parametrize("free", [1e8, 1e10])
 def test_libraries_without_room_are_a_matter_of_memory(monkeypatch, free):
     monkeypatch.setattr(console, "free_memory", lambda: free)
