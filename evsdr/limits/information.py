@@ -19,10 +19,12 @@ from evsdr.model.lambert import LambertianRing
 from evsdr.records import Schedule
 from evsdr.solve.shared.kernel import Terms
 from evsdr.solve.shared.pixels import Pixels
-from evsdr.solve.shared.rig import Rig
+from evsdr.solve.shared.rig import N_TIMING, Rig
 from evsdr.solve.unknowns import to_theta
 
-BLOCK = 1024  # pixels at a time: their information about shared unknowns takes 70 KB each
+BYTES = (
+    1 << 27
+)  # for the information of the pixels that are looked at at a time: 70 KB each under 24 LEDs, 5 MB under 256
 GAUSSIAN = 1e6  # width of Cauchy's cost in standard deviations: that of a Gaussian
 REPEATS = 4  # recordings: their mean is then known to some percent, sigma to half that
 
@@ -120,19 +122,21 @@ def average_information(
     plan = replace(plan, pixel=pixel)
     pattern = draw_pattern(pixel, *mask.shape, seed)
     rng = np.random.default_rng((seed, 1))
-    number = np.flatnonzero(mask)
+    number, n = np.flatnonzero(mask), 4 + plan.light.n_band + N_TIMING + 3 * plan.light.n_led
+    block = max(1, BYTES // (8 * n * n))
+    states = rng.integers(0, 2**64, (repeats, len(number)), np.uint64)
     parts = [
-        _of_block(plan, pattern, number[first : first + BLOCK], rng, repeats, tilted)
-        for first in range(0, len(number), BLOCK)
+        _of_block(plan, pattern, number[first : first + block], states[:, first : first + block], tilted)
+        for first in range(0, len(number), block)
     ]
     own, cross, shared, n_pair = zip(*parts)
     return Information(np.concatenate(own), np.concatenate(cross), sum(shared), np.concatenate(n_pair))
 
 
 def _of_block(
-    plan: Plan, pattern: FixedPattern, number: np.ndarray, rng, repeats: int, tilted: bool
+    plan: Plan, pattern: FixedPattern, number: np.ndarray, states: np.ndarray, tilted: bool
 ) -> tuple:
-    """Give the parts of the information of some pixels, by their numbers."""
+    """Give the parts of the information of some pixels, by their numbers; states (n_repeat, n) are those of their noise."""
     pixels, theta, rig = pixels_of(plan, number), theta_of(plan, number), plan.rig
     thresholds = [m.ravel()[number] for m in (pattern.threshold_on, pattern.threshold_off)]
     pixels = replace(pixels, threshold=np.stack(thresholds, axis=-1).astype(float))
@@ -140,20 +144,20 @@ def _of_block(
     theta = np.column_stack([theta, np.zeros((len(theta), 2 * spreads))])
     signal, leak, n = pixels.signals(theta, rig)[:, 0].T, np.zeros(len(number)), theta.shape[1]
     matrix, n_pair = 0.0, np.zeros(len(number))
-    for _ in range(repeats):
-        state = rng.integers(0, 2**64, len(number), np.uint64)
+    for state in states:
         fixed = FixedPattern(*thresholds, leak, state)
         pixels = replace(pixels, events=_events(plan, pixels, signal, fixed))
         *_, information, residual, _ = information_of(
             pixels, theta, rig, plan.pixel.event_noise, spreads, tilted
         )
-        matrix += information / repeats
+        matrix += information / len(states)
         told = np.append(0, np.cumsum(np.isfinite(residual)))
-        n_pair += np.diff(told[pixels.events[0]]) / repeats
+        n_pair += np.diff(told[pixels.events[0]]) / len(states)
+    own, cross, shared = matrix[:, :n, :n].copy(), matrix[:, :n, n:].copy(), matrix[:, n:, n:].sum(axis=0)
     if not tilted:
-        matrix = np.pad(matrix, ((0, 0), *[(0, 2 * plan.light.n_led)] * 2))
-    own, cross = matrix[:, :n, :n].copy(), matrix[:, :n, n:].copy()  # views would hold all of it
-    return own, cross, matrix[:, n:, n:].sum(axis=0), n_pair
+        more = 0, 2 * plan.light.n_led
+        cross, shared = np.pad(cross, ((0, 0), (0, 0), more)), np.pad(shared, (more, more))
+    return own, cross, shared, n_pair  # a view would hold all of the matrix
 
 
 def information_of(
