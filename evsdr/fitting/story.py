@@ -176,8 +176,12 @@ def fit_recording(
     settings: Settings,
     wanted: np.ndarray | str | Path | None,
     stages: Seconds,
+    everywhere: bool = True,
 ) -> Fit:
-    """Fit a recording of a scene; arguments as of `entrance.fit`, whose work this is."""
+    """Fit a recording of a scene; arguments as of `entrance.fit`, whose work this is.
+
+    Of one that takes tiles only the pixels that tell what all share are solved, unless `everywhere`.
+    """
     world = world_of(ring, recording, settings, wanted, stages)
     tiles = tiles_of(world.mask, world.recording.events) if settings.solver == "lm" else []
     check_room(world.recording, largest(tiles, world) if tiles else world.mask)
@@ -187,8 +191,8 @@ def fit_recording(
     with stages.stage("signals"):
         fitted, signals, misfit = with_model_error(believed, fitted, matt, solve)
         moved = moves(believed, fitted)
-    world = replace(believed, mask=world.mask)
-    if tiles:
+    world = replace(believed, mask=world.mask if everywhere else part.mask)
+    if tiles and everywhere:
         with stages.stage("tiles") as advance:
             fitted = solve_tiles(world, tiles, fitted, partial(retell, solve), advance)
     stopped = stages.enough

@@ -7,9 +7,9 @@ import numpy as np
 
 from evsdr.errors import InputError, InputWarning
 from evsdr.events.pixel import SMALLEST_THRESHOLD, EventPixel
-from evsdr.fitting.entrance import Fit, fit
+from evsdr.fitting.entrance import Fit
 from evsdr.fitting.settings import Settings
-from evsdr.progress import Progress, silent
+from evsdr.progress import Progress, Seconds, silent
 from evsdr.records import Recording
 
 N_PIXEL = 300  # on which the limit is computed: its median is then known to some percent
@@ -33,10 +33,14 @@ class Expected:
 
 
 def quick_fit(ring, recording: Recording, progress: Progress = silent) -> Fit:
-    """Fit a recording as fast as it goes; what its warnings say is in the verdict, too."""
+    """Fit a recording as fast as it goes, a large one in part; what its warnings say is in the verdict, too."""
+    from evsdr.fitting.story import fit_recording
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
-        return fit(ring, recording, Settings(preset="fast"), progress=progress)
+        return fit_recording(
+            ring, recording, Settings(preset="fast"), None, Seconds(progress), everywhere=False
+        )
 
 
 def expected_accuracy(ring, recording: Recording, found: Fit, n_round: int) -> Expected | None:

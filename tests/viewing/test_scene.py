@@ -30,6 +30,18 @@ def test_a_scene_that_goes_with_its_recording():
     assert np.median(sigma) < 2 * look.expected.normal_deg  # neighbours help
 
 
+def test_of_a_large_recording_a_part_is_fitted(monkeypatch):
+    """As much of it as tells what all pixels share; that is asked about, and tells what to expect."""
+    recording, _ = recorded_scene("sphere")
+    for name, value in (("tiling.AT_ONCE", 200), ("tiles.ENOUGH", 150), ("tiles.BLOCK", 8)):
+        monkeypatch.setattr(f"evsdr.fitting.{name}", value)
+    monkeypatch.setattr("evsdr.fitting.story.solve_tiles", None)
+    look, found = answers(watched(recording), scene_of("sphere"))
+    fired = np.bincount(recording.events.y.astype(int) * recording.sensor.width + recording.events.x) > 0
+    assert 50 < np.count_nonzero(look.fit.maps.mask) < 0.6 * np.count_nonzero(fired)
+    assert found["scene"].state == FINE and 0.05 < look.expected.normal_deg < 5
+
+
 @pytest.mark.slow
 def test_a_mirrored_image():
     recording, _ = recorded_scene("sphere")
