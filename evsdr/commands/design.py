@@ -195,7 +195,9 @@ def draw(bound, mask: np.ndarray, path: Path) -> None:
     """Draw the bounds of normals and reflectance as maps; grey where nothing is known of the object."""
     from matplotlib.figure import Figure
 
-    angle = np.where(bound.normal_sigma_deg < 180, bound.normal_sigma_deg, np.nan)
+    from evsdr.solve.unknowns import KNOWN_SIGMA_DEG  # loads Dr.Jit
+
+    angle = np.where(bound.normal_sigma_deg < KNOWN_SIGMA_DEG, bound.normal_sigma_deg, np.nan)
     known = bound.reflectance_sigma < 1
     total = np.sum(bound.reflectance_sigma, axis=-1, where=known)
     spread = np.where(known.any(axis=-1), total / np.maximum(known.sum(axis=-1), 1), np.nan)

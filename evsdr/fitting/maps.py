@@ -7,9 +7,8 @@ from evsdr.light.scene import RingScene
 from evsdr.records import Maps
 from evsdr.solve.problem import Problem
 from evsdr.solve.solution import Solution
-from evsdr.solve.unknowns import log_spread, normal_sigma_deg, to_normal
+from evsdr.solve.unknowns import KNOWN_SIGMA_DEG, log_spread, normal_sigma_deg, to_normal
 
-KNOWN_SIGMA_DEG = 30.0  # a normal known worse than this is not known
 # Of the logarithm of what all bands have in common: a scale known worse than this is not known. Data then give nine tenths
 # of what is said of it (derived: its weak prior has 1.3)
 KNOWN_SCALE = 0.4

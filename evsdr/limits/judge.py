@@ -20,6 +20,7 @@ from evsdr.limits.information import REPEATS, Plan
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps, Schedule
 from evsdr.solve.shared.rig import Told
+from evsdr.solve.unknowns import KNOWN_SIGMA_DEG
 
 HARD_SWITCH = (
     "LEDs switch hard: an event then tells only that its threshold was passed, and the limit takes it for more. Let them "
@@ -165,9 +166,9 @@ def describe_leds(ring: RingScene, light: np.ndarray, safe: tuple[float, float] 
 
 
 def summarise_bound(bound: Bound, mask: np.ndarray) -> dict:
-    """Give root mean squares, means and medians of a bound over the pixels that it knows."""
+    """Give root mean squares, means and medians of a bound over the pixels that it knows, as a fit would call it known."""
     angle, spread = bound.normal_sigma_deg[mask], bound.reflectance_sigma[mask]
-    known, known_band = angle < 180, spread < 1
+    known, known_band = angle < KNOWN_SIGMA_DEG, spread < 1
     summary = {
         "share_normal_known": float(known.mean()),
         "share_reflectance_known": float(known_band.mean()),

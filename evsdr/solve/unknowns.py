@@ -21,6 +21,7 @@ LOG_COMMON_SIGMA, LOG_COLOUR_SIGMA = 1.3, 1.5
 # pixels share is inferred: with 1 it is found at 45 degrees, by LED powers that are 48 % off
 TIED = 100
 LARGEST_STEP = (1.0, 2.0)  # of a slope, of a logarithm
+KNOWN_SIGMA_DEG = 30.0  # a normal known worse than this is not known
 LARGEST_SLOPE, LOG_REFLECTANCE_RANGE = 30.0, (-9.0, 1.5)
 SLOPES = slice(0, 2)
 

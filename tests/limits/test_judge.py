@@ -29,7 +29,7 @@ def test_bound_and_judgement_are_of_the_same_object(ring):
     mask = rendering.truth.mask
     assert bound.normal_sigma_deg.shape == mask.shape == (HEIGHT, WIDTH)
     assert found["bound"]["pixels"] == mask.sum()
-    known = bound.normal_sigma_deg[mask] < 180
+    known = bound.normal_sigma_deg[mask] < 30
     assert found["bound"]["share_normal_known"] == known.mean()
     assert found["bound"]["normal_deg_median"] == np.median(bound.normal_sigma_deg[mask][known])
     assert found["bound"]["normal_deg_rms"] == np.sqrt(np.mean(bound.normal_sigma_deg[mask][known] ** 2))
