@@ -11,10 +11,8 @@ from numba import njit
 
 NODE = 0.15  # change of log I between two nodes
 MOST_NODES = 40  # of a ramp
-N_COLUMN, RISE = (
-    MOST_NODES + 3,
-    MOST_NODES + 2,
-)  # of what `follow` writes, and where log I's change over the ramp stands
+# Columns of what `follow` writes, and the one of log I's change over the ramp
+N_COLUMN, RISE = MOST_NODES + 3, MOST_NODES + 2
 N_BEFORE = 8  # slots in which the lag settles before the first one
 
 

@@ -20,9 +20,7 @@ from evsdr.solve.threshold_spread import SMALLEST_SPREAD
 from evsdr.solve.unknowns import normal_sigma_deg
 
 SINGULAR = 1e-6  # eigenvalue of the scaled matrix that a parabola for log I can't tell from 0
-MOST = (
-    128 * 128
-)  # pixels that are judged, a lattice of larger objects: takes half a minute under 48 LEDs; guessed
+MOST = 128 * 128  # pixels that are judged, of larger objects a lattice: 9 s under 48 LEDs; guessed
 UNTOUCHED = 1e-4  # share of an unknown in the null directions up to which it is known all the same
 
 

@@ -22,9 +22,8 @@ from evsdr.solve.shared.pixels import Pixels
 from evsdr.solve.shared.rig import N_TIMING, Rig
 from evsdr.solve.unknowns import to_theta
 
-BYTES = (
-    1 << 27
-)  # for the information of the pixels that are looked at at a time: 70 KB each under 24 LEDs, 5 MB under 256
+# For the information of the pixels that are looked at at a time: 70 KB each under 24 LEDs, 5 MB under 256; guessed
+BYTES = 1 << 27
 GAUSSIAN = 1e6  # width of Cauchy's cost in standard deviations: that of a Gaussian
 REPEATS = 4  # recordings: their mean is then known to some percent, sigma to half that
 
