@@ -58,16 +58,18 @@ def _fine_quadrature(leds: Leds) -> tuple[mi.Float, list[mi.Float]]:
 def surface_maps(ring: RingScene, spp: int, seed: int = 0) -> Maps:
     """Give the true normals and band reflectances of the object, averaged over each pixel's area.
 
-    The mask holds the pixels that the object covers whole. Reflectance is that of diffuse reflection.
+    The mask holds the pixels that the object covers whole, where back sides that reflect nothing, as those of an open tube, are none
+    of it. Reflectance is that of diffuse reflection.
     """
     leds, frame = ring.leds, camera_frame(ring.sensor)
     nodes, weights = _fine_quadrature(leds)
     target = find_object(ring.scene)
 
     def measure(s, si, ray, rng, active):
-        active = active & si.is_valid() & (si.shape == target)
-        normal = rotate(frame, dr.mulsign(si.sh_frame.n, si.wi.z))
         bsdf = si.bsdf(ray)
+        reflects = (si.wi.z > 0) | mi.has_flag(bsdf.flags(), mi.BSDFFlags.BackSide)
+        active = active & si.is_valid() & (si.shape == target) & reflects
+        normal = rotate(frame, dr.mulsign(si.sh_frame.n, si.wi.z))
 
         def add(i, *total):
             here = mi.SurfaceInteraction3f(si)

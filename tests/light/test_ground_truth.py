@@ -5,7 +5,10 @@ import pytest
 
 from evsdr.light.ground_truth import object_depth, object_normals, surface_maps
 from evsdr.light.scene import load_scene
-from tests.support.small_scene import HEIGHT, WIDTH, camera, scene
+from tests.support.small_scene import DIFFUSE, HEIGHT, WIDTH, camera, scene
+
+TURNED = '<transform name="to_world"><scale value="9"/><rotate y="1" angle="150"/></transform>'
+TWO_SIDED = f'<bsdf type="twosided">{DIFFUSE}</bsdf>'
 
 
 def load(path, text):
@@ -73,11 +76,24 @@ def test_pixels_that_are_covered_in_part_know_the_reflectance_of_that_part(ring)
 
 def test_normals_of_a_surface_seen_from_behind_face_the_camera(tmp_path):
     """A plane that is turned away by 150 degrees shows its back, 30 degrees oblique."""
-    turned = '<transform name="to_world"><scale value="9"/><rotate y="1" angle="150"/></transform>'
-    ring = load(tmp_path, scene(shape=f'<shape type="rectangle" id="object">{turned}</shape>'))
+    ring = load(tmp_path, scene(shape=f'<shape type="rectangle" id="object">{TURNED}{TWO_SIDED}</shape>'))
     expected = np.broadcast_to([-0.5, 0, 3**0.5 / 2], (HEIGHT, WIDTH, 3))
     np.testing.assert_allclose(object_normals(ring), expected, atol=1e-5)
     np.testing.assert_allclose(surface_maps(ring, 4).normal, expected, atol=1e-5)
+
+
+def test_back_sides_that_reflect_nothing_are_none_of_the_object(tmp_path):
+    """As the renderer has it: a tube that is cut off at y = 0 shows its inside where z < 0 of its wall."""
+    tube = '<point name="p0" x="0" y="-3" z="0"/><point name="p1" x="0" y="0" z="0.5"/>'
+    seen = {}
+    for name, material in (("one side", DIFFUSE), ("both", TWO_SIDED)):
+        ring = load(tmp_path, scene(shape=f'<shape type="cylinder" id="object">{tube}{material}</shape>'))
+        seen[name] = surface_maps(ring, 16).mask
+        signal = np.array(ring.integrator.render(ring.scene, spp=16)) - ring.integrator.constant_light[0]
+        reflects = signal.max(axis=-1) > 1e-6
+        assert not (seen[name] & ~reflects).any()
+    assert (seen["one side"] <= seen["both"]).all()
+    assert np.count_nonzero(seen["both"] & ~seen["one side"]) > 5 < np.count_nonzero(seen["one side"])
 
 
 def test_edges_within_a_band_are_seen_alike_by_renderer_and_truth(tmp_path):
