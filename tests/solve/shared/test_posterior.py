@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from evsdr.solve.shared.infer import _between, _doubted, _no_lag, _posterior
 from evsdr.solve.shared.pixels import QUICKEST_US, vector_of
-from evsdr.solve.shared.posterior import MOST_COUNTED, SLACK, Start
+from evsdr.solve.shared.posterior import LEAST_LEFT, MOST_COUNTED, SLACK, Start
 from evsdr.solve.shared.rig import NOT_NEGATIVE, Told, across
 from evsdr.solve.threshold_spread import LARGEST_VARIANCE
 from evsdr.solve.unknowns import TIED, to_normal, weak_prior
@@ -117,6 +117,13 @@ def test_pixels_in_a_wrong_minimum_are_not_heard(posterior, point):
     clean = replace(posterior, heard=learnt.heard).solve(posterior.at(point.theta, point.free))[0]
     np.testing.assert_allclose(steps[0], clean, atol=1e-9 + 1e-6 * np.abs(clean).max())
     assert np.abs(steps[1] - clean).max() > 10 * np.abs(steps[0] - clean).max()
+
+
+@pytest.mark.parametrize("before", [0.01, 0.02, 0.3])
+def test_scatter_falls_a_part_of_the_way_in_a_round(posterior, point, before):
+    """Events that are far off for a small one pull no more, and what they would have moved stays where it is."""
+    learnt = replace(posterior, scatter=before).learnt(point)
+    assert learnt.scatter == pytest.approx(max(0.02, LEAST_LEFT * before), rel=0.2)
 
 
 def test_a_rig_holds_what_is_not_free(case, posterior, point):
