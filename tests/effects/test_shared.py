@@ -207,6 +207,43 @@ def test_a_lag_that_was_none_is_asked_for_again_only_where_events_want_it(cutoff
     assert again.off.any()
 
 
+@pytest.mark.parametrize(
+    ("scatter", "noise", "surprise", "expected"),
+    [
+        (0.005, 0.02, 5.0, "quiet"),
+        (0.005, 0.02, 20.0, "noisy"),
+        (0.1, 0.02, 5.0, "noisy"),
+        (0.005, 0.001, 5.0, "noisy"),
+    ],
+)
+def test_noise_that_took_all_scatter_is_left_out_if_that_is_less_of_a_surprise(
+    scatter, noise, surprise, expected, monkeypatch
+):
+    """What follows then leaves it out from the start."""
+    asked = []
+
+    def infer(pixels, start, rig, told, names, *rest):
+        asked.append(names)
+        of, noisy = found(tau=0.3, noise=noise if "noise" in names else 0.0).inferred, "noise" in names
+        sigma = replace(of.sigma, tau=0.01, noise=0.001)
+        of = replace(
+            of, sigma=sigma, scatter=scatter, surprise=10.0 if noisy else surprise, theta=start.theta
+        )
+        return replace(of, turn_deg=dict.fromkeys(GROUPS, 1.0), wanted=dict.fromkeys(NAMES, 0.0))
+
+    monkeypatch.setattr(shared, "infer", infer)
+    case = Case.sphere(size=18, thresholds=True, event_noise=0.1, cutoff_hz=3000.0)
+    world, fitted = given(case)
+    world = replace(world, terms=replace(world.terms, thorough=False))
+    first = find_shared(world, fitted)
+    assert ("noise" in first.names) == (expected == "noisy") and "tau" in first.names
+    assert len(asked) == (2 if scatter < shared.EXACT and noise == 0.02 else 1)
+    asked.clear()
+    again = shared._infer(replace(world, found=first), fitted)
+    assert again.names == first.names
+    assert expected == "noisy" or asked == [first.names]
+
+
 @pytest.mark.parametrize("tau, asked, expected", [(0.0, True, 0.02), (0.3, True, 0.3), (0.0, False, 0.0)])
 def test_a_search_for_a_lag_begins_with_one_though_none_was_found(tau, asked, expected):
     """At a usual one, or at that which was found."""
