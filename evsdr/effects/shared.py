@@ -236,7 +236,7 @@ def _lag_or_none(asked: _Asked, world: "World") -> tuple[Inferred, tuple[str, ..
     if lagless and lagless.wanted["tau"] < CLEAR:
         return lagless, without, 0.0, True
     if before and "tau" in before.names and "noise" not in before.names:
-        names = before.names
+        names = tuple(name for name in names if name != "noise")
     found, names = _with_dark(asked, names, world)
     if found.scatter < EXACT and found.rig.noise > CLEAR * found.sigma.noise:
         quiet, without_noise = _with_dark(asked, tuple(name for name in names if name != "noise"), world)

@@ -239,7 +239,8 @@ def test_noise_that_took_all_scatter_is_left_out_if_that_is_less_of_a_surprise(
     assert ("noise" in first.names) == (expected == "noisy") and "tau" in first.names
     assert len(asked) == (2 if scatter < shared.EXACT and noise == 0.02 else 1)
     asked.clear()
-    again = shared._infer(replace(world, found=first), fitted)
+    before = replace(first, names=(*first.names, "directions"))
+    again = shared._infer(replace(world, found=before), fitted)
     assert again.names == first.names
     assert expected == "noisy" or asked == [first.names]
 
