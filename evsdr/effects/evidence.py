@@ -51,6 +51,8 @@ class Score:
         Median angle to the known shape [deg]; 0 where none is known.
     curl_share : float
         See `Bends.curl`; that as told where it is not known.
+    missing : float
+        Share of the event pairs as told that are none under it, as with times that leave no room for them.
     """
 
     trial: Trial
@@ -59,6 +61,12 @@ class Score:
     curl: float = 0.0
     shape_deg: float = 0.0
     curl_share: float = 0.0
+    missing: float = 0.0
+
+    @property
+    def lost(self) -> float:
+        """Give the share of the events that stay unexplained."""
+        return self.missing + (1 - self.missing) * self.trial.lost
 
     @property
     def total(self) -> float:
@@ -82,7 +90,8 @@ class Judge:
         curl = CURL_WEIGHT * np.log((told.curl_share + CURL_FLOOR) / (share + CURL_FLOOR))
         angle, shape = self._angle(trial)
         shape -= self._angle(told.trial)[1]
-        return Score(trial, told.trial.cost - trial.cost, shape, float(curl), angle, share)
+        missing = max(1 - len(trial.residual) / len(told.trial.residual), 0.0)
+        return Score(trial, told.trial.cost - trial.cost, shape, float(curl), angle, share, missing)
 
     def _angle(self, trial: Trial) -> tuple[float, float]:
         """Give the median angle to a known shape [deg], and the log likelihood of a pixel's."""
@@ -120,7 +129,7 @@ class Judge:
                 return ""
             on, off = np.median(gain, axis=0)
             less = f"events say {on:.2g} times C_on and {off:.2g} times C_off; {less}"
-        if score.events > GAIN and score.trial.lost < LOST:
+        if score.events > GAIN and score.lost < LOST:
             return less
         if score.events < -SLIP:
             return ""

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from evsdr.effects.evidence import Judge, Score, consistently_wrong
+from evsdr.effects.hypotheses import Hypothesis
+from evsdr.effects.trials import Trial
 
 
 def test_thresholds_that_scatter_are_not_wrong(rng):
@@ -31,3 +33,18 @@ def test_half_of_a_curl_that_is_most_of_the_bends_convicts_no_one(left, convicts
     judge.told = Score(SimpleNamespace(scale=0.3, gain=None), curl_share=0.65)
     trial = SimpleNamespace(scale=0.3, gain=None, lost=0.5)
     assert bool(judge.convicts(Score(trial, curl=1.3, curl_share=left))) == convicts
+
+
+@pytest.mark.parametrize(("n", "convicts"), [(2, False), (60, True), (80, True), (120, True)])
+def test_a_hypothesis_that_leaves_hardly_any_events_explains_none(n, convicts):
+    """As times in ns do, of which a round is longer than all of the recording."""
+    judge = Judge.__new__(Judge)
+    judge.shape, judge.doubts = (
+        None,
+        SimpleNamespace(bends=SimpleNamespace(curl=lambda *_: 0.1), shape=False, curl=False),
+    )
+    normal = np.tile([0.0, 0.0, 1.0], (4, 1)) + np.random.default_rng(0).normal(size=(4, 3))
+    judge.told = Score(Trial(0.0, 0.5, np.ones(64), np.arange(4), normal, None), curl_share=0.1)
+    score = judge.score(Hypothesis("", "", None), Trial(-2.0, 0.02, np.zeros(n), np.arange(4), normal, None))
+    assert score.lost == pytest.approx(max(1 - n / 64, 0))
+    assert bool(judge.convicts(score)) == convicts
