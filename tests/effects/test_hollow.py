@@ -14,7 +14,9 @@ def test_what_shadows_say_of_half_a_turn():
     right = Hollow(told=-2.26, turned=-2.22, bare=-2.25)
     assert not right.wrong and not right.doubtful and not right.open and right.finding(None) is None
     assert Hollow(told=0.5, turned=-2.2, bare=-2.2).doubtful
-    assert Hollow(told=-2.0, turned=-2.1, bare=-2.2).open, "both cast shadows that are not there"
+    assert Hollow(told=-2.19, turned=-2.197, bare=-2.2).open, "both cast shadows that are not there"
+    assert Hollow(told=-1.0, turned=-1.9, bare=-2.2).doubtful, "one of them far more"
+    assert Hollow(told=-2.203, turned=-2.21, bare=-2.2).open, "both cast some that are there"
 
 
 def test_flat_things_are_neither_hollow_nor_raised():
