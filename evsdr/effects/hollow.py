@@ -19,7 +19,7 @@ N_SHADED = 400  # pixels that tell shadows, which few have
 HOLLOW = 0.005
 LITTLE = 0.1  # of that, what the better of both may lose against no shadows at all; guessed: 0.005 beside a pole's shadows
 # Cost of an event pair by which the shadows of half a turn are nearer to the truth, though they may lose against none, from which what is told is in
-# doubt. Measured on the unknown shapes of 29 draws (`experiments.draws`), right and turned by 180 degrees: right -2.9 to .011, but .137 of a white goathead in
+# doubt. Measured on the unknown shapes of 30 draws (`experiments.draws`), right and turned by 180 degrees: right -2.9 to .011, but .137 of a white goathead in
 # two rounds; turned .029 to 1.84, but 0 of a low relief, -.002 and -.034 of goatheads under powers 10 % off
 NEARER = 0.02
 SURE = 0.5  # pixels: nearer hits of a surface on itself may come of its noise
