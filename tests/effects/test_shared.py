@@ -210,13 +210,14 @@ def test_a_lag_that_was_none_is_asked_for_again_only_where_events_want_it(cutoff
 @pytest.mark.parametrize(
     ("scatter", "noise", "surprise", "expected"),
     [
-        (0.005, 0.02, 5.0, "quiet"),
-        (0.005, 0.02, 20.0, "noisy"),
-        (0.1, 0.02, 5.0, "noisy"),
-        (0.005, 0.001, 5.0, "noisy"),
+        (0.005, 0.02, -2.0, "quiet"),
+        (0.005, 0.02, 2.0, "noisy"),
+        (0.005, 0.02, -0.1, "noisy"),
+        (0.1, 0.02, -2.0, "noisy"),
+        (0.005, 0.001, -2.0, "noisy"),
     ],
 )
-def test_noise_that_took_all_scatter_is_left_out_if_that_is_less_of_a_surprise(
+def test_noise_that_took_all_scatter_is_left_out_if_that_is_far_less_of_a_surprise(
     scatter, noise, surprise, expected, monkeypatch
 ):
     """What follows then leaves it out from the start."""
@@ -226,9 +227,8 @@ def test_noise_that_took_all_scatter_is_left_out_if_that_is_less_of_a_surprise(
         asked.append(names)
         of, noisy = found(tau=0.3, noise=noise if "noise" in names else 0.0).inferred, "noise" in names
         sigma = replace(of.sigma, tau=0.01, noise=0.001)
-        of = replace(
-            of, sigma=sigma, scatter=scatter, surprise=10.0 if noisy else surprise, theta=start.theta
-        )
+        cost = 0.0 if noisy else surprise * pixels.n_event
+        of = replace(of, sigma=sigma, scatter=scatter, surprise=cost, theta=start.theta)
         return replace(of, turn_deg=dict.fromkeys(GROUPS, 1.0), wanted=dict.fromkeys(NAMES, 0.0))
 
     monkeypatch.setattr(shared, "infer", infer)
