@@ -13,9 +13,9 @@ from experiments.sigma.statistics import PROMISED, level_of_each
 
 SIZE, SEEDS = 28, range(40, 43)
 CHANCE = 0.03  # of shares of so few pixels
-# Cases that hold, what of them, and what part of sigmas they need, on event pixels by other physics; on the simulator's own, sigmas of a
-# sphere's normals are 1.3 times what they need be, too. The experiment tells of all
-HOLD = (("sphere/foreign", "angle", 0.8), ("sphere/foreign", "reflectance", 1.0))
+# Cases that hold, what of them, and what part of sigmas they need, on event pixels by other physics: sigmas that hold what models lack elsewhere are
+# 1.4 and 1.3 times what a plain sphere's need be (73 98 100 and 73 95 99 % within 1 2 3 of these parts, p .2 and .5). The experiment tells of all
+HOLD = (("sphere/foreign", "angle", 0.7), ("sphere/foreign", "reflectance", 0.75))
 
 
 @cache
