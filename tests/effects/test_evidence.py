@@ -38,11 +38,8 @@ def test_half_of_a_curl_that_is_most_of_the_bends_convicts_no_one(left, convicts
 @pytest.mark.parametrize(("n", "convicts"), [(2, False), (60, True), (80, True), (120, True)])
 def test_a_hypothesis_that_leaves_hardly_any_events_explains_none(n, convicts):
     """As times in ns do, of which a round is longer than all of the recording."""
-    judge = Judge.__new__(Judge)
-    judge.shape, judge.doubts = (
-        None,
-        SimpleNamespace(bends=SimpleNamespace(curl=lambda *_: 0.1), shape=False, curl=False),
-    )
+    judge, bends = object.__new__(Judge), SimpleNamespace(curl=lambda *_: 0.1)
+    judge.shape, judge.doubts = None, SimpleNamespace(bends=bends, shape=False, curl=False)
     normal = np.tile([0.0, 0.0, 1.0], (4, 1)) + np.random.default_rng(0).normal(size=(4, 3))
     judge.told = Score(Trial(0.0, 0.5, np.ones(64), np.arange(4), normal, None), curl_share=0.1)
     score = judge.score(Hypothesis("", "", None), Trial(-2.0, 0.02, np.zeros(n), np.arange(4), normal, None))

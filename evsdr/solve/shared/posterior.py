@@ -35,8 +35,8 @@ SLACK = 0.5  # log likelihood that a pixel may lose in a step
 # amount. Guessed; measured on few events under LEDs that switch (`experiments.draws`, 12): with 0.5 a search from the truth ends 3200 above it
 MOST_COUNTED = 10.0
 # Of the scatter before, that a round leaves at least: what is far off for a smaller one pulls no more. Measured (`experiments.draws`, 1018, of which
-# the model holds all to .005 of a threshold): a surface's distance ends .038 to .058 off at sigmas of .003 to .008, as rounding has it, normals 13 27 50 %
-# within 1 2 3 sigma; with this .004 to .009 off, 65 85 91 %, and 69 86 92 % with .7 in twice the steps
+# the model holds all to .005 of a threshold): a surface's distance ends .018 or .048 off, as rounding has it, normals 76 93 98 or 20 56 86 % within
+# 1 2 3 sigma; with this .008 or .021, 77 93 98 or 33 75 90 %. By another mask .7 did as well as this in more steps
 LEAST_LEFT = 0.5
 SLOPE_TERM = gaussian_share(ROBUST)
 
