@@ -32,12 +32,20 @@ def forget_stale(package: Path) -> list[Path]:
     }
     now = time.time()  # by a clock that went wrong, sources of tomorrow would take kernels at every import
     newest = max((t for t in (source.stat().st_mtime for source in sources) if t <= now), default=0.0)
-    stale = [index for index in kept if index.stat().st_mtime < newest]
+    stale = [index for index in kept if _age(index) < newest]
     for index in stale:
         for file in (index, *index.parent.glob(f"{index.stem}.*.nbc")):
             with suppress(OSError):  # another process was quicker, or they are not ours to remove
                 file.unlink()
     return stale
+
+
+def _age(index: Path) -> float:
+    """Give when an index was written [s]; one that another process has just removed is not stale."""
+    try:
+        return index.stat().st_mtime
+    except FileNotFoundError:
+        return float("inf")
 
 
 def _imports(module: Path, package: Path) -> list[Path]:

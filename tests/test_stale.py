@@ -73,6 +73,18 @@ def test_a_source_of_tomorrow_takes_none(small):
     assert forget_stale(small) == []
 
 
+def test_kernels_that_another_process_removes_meanwhile_are_none_of_ours(small, monkeypatch):
+    """Two that start together after an update both look, and each removes what the other has listed."""
+    outer_of_2(small)
+    change(small, "number", NUMBER.format(2.0))
+    listed = list(small.rglob("*.nbi"))
+    gone = listed[0]
+    gone.unlink()
+    found = Path.rglob
+    monkeypatch.setattr(Path, "rglob", lambda at, what: listed if "nbi" in what else found(at, what))
+    assert set(forget_stale(small)) == set(listed) - {gone}
+
+
 def test_without_kernels_there_is_nothing_to_do(small):
     assert forget_stale(small) == []
 
