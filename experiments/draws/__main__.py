@@ -20,6 +20,9 @@ from .cases import Draw, draw, open_text, scene_text
 
 FOREIGN = {"iebcs": IEBCS, "v2e": V2E, "eventps": EVENTPS, "esim": ESIM}
 SPREAD = 0.2, 0.1  # of thresholds over the pixels, relative
+# Frames of a fade, at least, where a simulator's light is linear in log I from frame to frame: frames 500 us apart under fades of 7 ms
+# have steps of four thresholds, and turn the time of every event into that of another light. See README, 1043
+FRAMES = 100
 COLUMNS = "draw | normals: known, mean deg, % within 1 2 3 | R: % within 1 2 3 | promise | s | verdict"
 
 
@@ -66,7 +69,11 @@ def otherwise(case: Draw, changes: list[str]) -> Draw:
         kind = type(getattr(case, name, None))
         try:
             new[name] = value if kind is str else ast.literal_eval(value)
-            known = value and name in vars(case) and isinstance(new[name], (int, float) if kind is float else kind)
+            known = (
+                value
+                and name in vars(case)
+                and isinstance(new[name], (int, float) if kind is float else kind)
+            )
         except (ValueError, SyntaxError):
             known = False
         if not known:
@@ -146,7 +153,11 @@ def foreign_pixel(case: Draw):
             event_noise=case.event_noise,
             refractory_us=case.refractory_us,
         )
-    return FOREIGN.get(case.pixel)
+    pixel = FOREIGN.get(case.pixel)
+    if pixel is None or not pixel.frame_us:
+        return pixel
+    fade_us = (case.crossfade or 1) * case.slot_us
+    return pixel._replace(frame_us=min(pixel.frame_us, fade_us / FRAMES))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.draws.__main__ import line, main, otherwise, record
+from experiments.draws.__main__ import FRAMES, foreign_pixel, line, main, otherwise, record
 from experiments.draws.cases import MATERIALS, SHAPES, draw
 from experiments.sigma.compute import Errors
 
@@ -40,6 +40,20 @@ def test_all_scenes_can_be_recorded(shape, material):
     told, recording, truth = record(replace(case, pauses=True), SIZE)
     assert truth.mask.any() and len(recording.schedule.order) == 32
     assert told.constant_light == pytest.approx(case.constant_light + 0.002, rel=1e-3)  # its dark current
+
+
+@pytest.mark.parametrize("crossfade", [0.0, 0.3, 1.0])
+def test_frames_are_many_in_a_fade(crossfade):
+    """Light is linear in log I from one to the next: of few in a fade, events come at times of another light."""
+    case = replace(draw(0), crossfade=crossfade, slot_us=6000.0)
+    fade = 6000.0 * (crossfade or 1)
+    for pixel in ("esim", "eventps"):
+        assert foreign_pixel(replace(case, pixel=pixel)).frame_us <= fade / FRAMES * 1.001
+        assert foreign_pixel(replace(case, pixel=pixel, slot_us=1e6, crossfade=1.0)).frame_us == 500
+    assert (
+        foreign_pixel(replace(case, pixel="iebcs")).frame_us == 0
+        and foreign_pixel(replace(case, pixel="evk4")) is None
+    )
 
 
 def test_parts_may_be_otherwise_than_drawn(capsys):
