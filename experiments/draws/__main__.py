@@ -20,7 +20,7 @@ from .cases import Draw, draw, open_text, scene_text
 
 FOREIGN = {"iebcs": IEBCS, "v2e": V2E, "eventps": EVENTPS, "esim": ESIM}
 SPREAD = 0.2, 0.1  # of thresholds over the pixels, relative
-# Frames of a fade, at least, where a simulator's light is linear in log I from frame to frame: frames 500 us apart under fades of 7 ms
+# Frames of a fade, at least (guessed), where a simulator's light is linear in log I from frame to frame: frames 500 us apart under fades of 7 ms
 # have steps of four thresholds, and turn the time of every event into that of another light. See README, 1043
 FRAMES = 100
 COLUMNS = "draw | normals: known, mean deg, % within 1 2 3 | R: % within 1 2 3 | promise | s | verdict"
