@@ -22,6 +22,7 @@ from evsdr.fitting.settings import Settings, check_settings
 from evsdr.light.entry import open_scene
 from evsdr.progress import Progress, Seconds, silent
 from evsdr.records import Maps, Recording, Signals, Truth
+from evsdr.threads import small_matrices
 
 SOLVE = "solve"  # the stage from which on there is a best so far
 VARIANTS = {"cpu": "llvm_ad_spectral", "gpu": "cuda_ad_spectral"}
@@ -175,7 +176,8 @@ def fit(
         ring = scene if isinstance(scene, RingScene) else load_scene(scene)
         plan = budget_of(settings, recording, began, ring.shape_is_known)
         seconds = Seconds(plan.watch(progress or silent) if plan else progress)
-        found = fit_recording(ring, recording, plan.settings if plan else settings, mask, seconds)
+        with small_matrices():
+            found = fit_recording(ring, recording, plan.settings if plan else settings, mask, seconds)
     more = plan.told(found.summary["stopped"]) if plan else {}
     return replace(found, summary=found.summary | more | {"warnings": messages, "seconds": seconds.seconds})
 

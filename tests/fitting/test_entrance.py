@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import evsdr
 from evsdr.commands import fit as command
@@ -130,3 +131,20 @@ def test_each_warning_is_given_once_and_listed():
                 warnings.warn(evsdr.InputWarning(text))
             raise ValueError("stop")
     assert messages == ["a", "b"] == [str(w.message) for w in caught]
+
+
+def test_matrices_stay_in_one_thread_while_a_fit_runs(given):
+    """And have those that the user gave them afterwards."""
+    during = []
+
+    def note(stage, share):
+        during.extend(blas_threads())
+
+    with threadpool_limits(2, user_api="blas"):
+        evsdr.fit(*given, FAST, progress=note)
+        assert set(during[-2:]) == {1} and set(blas_threads()) == {2}
+
+
+def blas_threads() -> list[int]:
+    """Give the threads of each BLAS that is loaded."""
+    return [lib["num_threads"] for lib in threadpool_info() if lib["user_api"] == "blas"]
