@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 N_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1))
-N_THREAD = max(2, min(4, (os.cpu_count() or 1) // N_WORKER))  # with one, Mitsuba waits for ever to write EXR
+N_THREAD = max(1, min(4, (os.cpu_count() or 1) // N_WORKER))
 for variable in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(variable, str(N_THREAD))  # read when numpy and numba are imported
 

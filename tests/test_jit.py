@@ -220,18 +220,21 @@ def test_what_runs_is_kept(monkeypatch):
     assert chosen == ["cuda_ad_spectral"]
 
 
-@pytest.mark.parametrize(("asked", "n_thread"), [("1", 2), ("3", 3)])
-def test_two_threads_at_least(monkeypatch, tmp_path, asked, n_thread):
+@pytest.mark.parametrize("asked", [1, 3])
+def test_threads_are_as_asked_but_for_images(monkeypatch, tmp_path, asked):
     """With one, Mitsuba would wait for ever here."""
     import drjit as dr
     import mitsuba as mi
 
     before = dr.thread_count()
-    monkeypatch.setenv("EVSDR_THREADS", asked)
+    monkeypatch.setenv("EVSDR_THREADS", str(asked))
     try:
         jit.start()
-        assert dr.thread_count() == n_thread
-        mi.Bitmap(np.ones((40, 40, 3), np.float32)).write(str(tmp_path / "image.exr"))
+        assert dr.thread_count() == asked
+        with jit.threads_for_images():
+            assert dr.thread_count() == max(asked, 2)
+            mi.Bitmap(np.ones((40, 40, 3), np.float32)).write(str(tmp_path / "image.exr"))
+        assert dr.thread_count() == asked
     finally:
         dr.set_thread_count(before)
 

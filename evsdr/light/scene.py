@@ -13,6 +13,7 @@ from evsdr.errors import InputError, check_memory
 from evsdr.files.kind import XML, other_kind
 from evsdr.integrators.leds import Leds, emitter_id
 from evsdr.integrators.ring import RingIntegrator, find_object
+from evsdr.jit import threads_for_images
 from evsdr.light.clip_planes import open_clip_planes
 from evsdr.light.scene_file import check_scene_file, known_plugins
 from evsdr.model.arrays import owned
@@ -86,7 +87,8 @@ def load_scene(path: str | Path | dict, define: dict[str, str] | None = None) ->
     """
     path, load = _source(path, define or {})
     try:
-        scene = load()
+        with threads_for_images():
+            scene = load()
     except (RuntimeError, ValueError, TypeError) as error:
         raise InputError(
             f"{path}: Mitsuba can't load it: {_in_one_line(error)}; correct the file, or what -D sets in it."

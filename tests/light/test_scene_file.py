@@ -7,10 +7,12 @@ import subprocess
 import sys
 import zlib
 
+import mitsuba as mi
 import numpy as np
 import pytest
 
 from evsdr.errors import InputError
+from evsdr.jit import threads_for_images
 from evsdr.light import scene_file
 from evsdr.light.scene import load_scene
 from evsdr.light.scene_file import check_scene_file, image_size, known_plugins
@@ -210,10 +212,23 @@ def test_sizes_of_images_are_read():
 
 
 def test_exr_files_of_mitsuba_are_measured(tmp_path):
-    import mitsuba as mi
-
-    mi.Bitmap(np.zeros((4, 6, 3), np.float32)).write(str(tmp_path / "a.exr"))
+    with threads_for_images():
+        mi.Bitmap(np.zeros((4, 6, 3), np.float32)).write(str(tmp_path / "a.exr"))
     assert image_size((tmp_path / "a.exr").read_bytes()) == (6, 4)
+
+
+def test_one_thread_reads_them(tmp_path):
+    """Mitsuba alone would wait for ever."""
+    with threads_for_images():
+        mi.Bitmap(np.full((40, 40, 3), 0.5, np.float32)).write(str(tmp_path / "a.exr"))
+    (tmp_path / "scene.xml").write_text(textured("a.exr"))
+    command = [
+        sys.executable,
+        "-c",
+        "import sys, evsdr; evsdr.load_scene(sys.argv[1])",
+        tmp_path / "scene.xml",
+    ]
+    subprocess.run(command, env=os.environ | {"EVSDR_THREADS": "1"}, check=True, timeout=120)
 
 
 def test_what_can_not_be_read_is_said(tmp_path):
