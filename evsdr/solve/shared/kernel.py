@@ -205,7 +205,11 @@ def pixel_sums(
         np.full(n_event, np.nan),
         np.zeros(n_event),
     )
-    given = leds, band, veil, signals, tilts, thresholds, own_thresholds, values, terms, lead, weigh
+    moved_by = np.array([values[row, column] - values[0, column] for row, column in enumerate(STIRRED, 1)])
+    sets = np.append(np.flatnonzero(moved_by[:NOISE]) + 1, 0)  # another tau, another dark current, as told
+    others = np.flatnonzero(moved_by[NOISE:]) + NOISE + 1  # another noise, another pole
+    stirred = moved_by, sets, others
+    given = leds, band, veil, signals, tilts, thresholds, own_thresholds, values, stirred, terms, lead, weigh
 
     some = np.arange(n_pixel) if some is None else some
 
@@ -219,24 +223,20 @@ def pixel_sums(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _run(
-    chunk, some, kind, events, leds, band, veil, signals, tilts, thresholds, own_thresholds, values, terms, lead, weigh,
-    cost, gradient, information, residual, variance,
+    chunk, some, kind, events, leds, band, veil, signals, tilts, thresholds, own_thresholds, values, stirred, terms, lead,
+    weigh, cost, gradient, information, residual, variance,
 ):  # fmt: skip
     """Sum over the pixels of a chunk; see `pixel_sums`."""
     offset, at, gap, polarity, inside, ending = events
     n_led, n_slot = len(band), len(leds)
-    n = 3 + band.max() + 2 * own_thresholds
-    n_all = n + n_led + N_TIMING + n_led * tilts.shape[2]
+    moved_by, sets, others = stirred
+    n_all = gradient.shape[2]
+    n = n_all - n_led * (1 + tilts.shape[2]) - N_TIMING
     timing = n + n_led
     logs = n - 2 if own_thresholds else timing + ON  # first column of the thresholds
     crossfade, told_noise = terms.crossfade, values[0, NOISE]
     tau, shift, refractory, leak = values[0, TAU], values[0, SHIFT], values[0, REFRACTORY], values[0, LEAK]
-    moved_by = np.zeros(len(STIRRED))
-    for q in range(len(STIRRED)):
-        moved_by[q] = values[q + 1, STIRRED[q]] - values[0, STIRRED[q]]
-    sets = np.append(np.flatnonzero(moved_by[:NOISE]) + 1, 0)  # another tau, another dark current, as told
     pole = values[0, POLE]
-    others = np.flatnonzero(moved_by[NOISE:]) + NOISE + 1  # another noise, another pole
     row, light = np.zeros(n_all), np.zeros(n_slot)
     nodes, shown = np.zeros((3, n_slot, N_COLUMN)), np.zeros((3, n_slot))
     met, reference, rarity, noise = np.zeros(5), np.zeros(5), np.zeros(5), np.zeros((5, 2))
@@ -247,7 +247,8 @@ def _run(
             light[k] = veil + (table[0, leds[k]] if leds[k] < n_led else 0.0)
         for q in sets:
             follow(light, values[q, TAU], values[q, DARK], crossfade, nodes[q])
-            shown[q] = np.log(light) - nodes[q, :, 0]
+            for k in range(n_slot):
+                shown[q, k] = np.log(light[k]) - nodes[q, k, 0]
         noise[:], spread = 0.0, 1.0
         for k in range(offset[i], offset[i + 1] + 1):
             last = k == offset[i + 1]
@@ -296,7 +297,7 @@ def _run(
                 for q in sets[:-1]:
                     if abs(noise[q, 0] - noise[0, 0]) > TURN:
                         met[q] += p * told_noise * (noise[0, 0] - noise[q, 0])
-                        noise[q] = noise[0]
+                        noise[q, 0], noise[q, 1] = noise[0, 0], noise[0, 1]
                 for q in others:
                     noise[q, 0], _, noise[q, 1] = lead_of(
                         lead, values[q, NOISE], late, own, fired, nodes[0], crossfade, values[q, POLE]
@@ -373,7 +374,8 @@ def _run(
                 row[:] = 0
                 factor = -sign / (threshold * scale)
                 late = nodes[0, where, 0]
-                lates[1] = nodes[:, where, 0]
+                for q in range(3):
+                    lates[1, q] = nodes[q, where, 0]
                 answer = _answer(lates[1], values[0], moved_by)
                 slot, fade = shown_at(float(where), late, light, crossfade)
                 _add_light(row, factor * answer, slot, fade, leds, table, tilt, veil, band, n)
