@@ -235,6 +235,9 @@ def test_threads_are_as_asked_but_for_images(monkeypatch, tmp_path, asked):
             assert dr.thread_count() == max(asked, 2)
             mi.Bitmap(np.ones((40, 40, 3), np.float32)).write(str(tmp_path / "image.exr"))
         assert dr.thread_count() == asked
+        with jit.one_thread():
+            assert dr.thread_count() == 1
+        assert dr.thread_count() == asked
     finally:
         dr.set_thread_count(before)
 

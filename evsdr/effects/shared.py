@@ -8,6 +8,7 @@ import numpy as np
 
 from evsdr.effects.effect import Decision
 from evsdr.effects.sensitivity import against
+from evsdr.jit import one_thread
 from evsdr.model.illumination import Illumination
 from evsdr.solve.shared.infer import Inferred, corrected, infer, less_sure, own_bias, turn_deg
 from evsdr.solve.shared.pixels import Pixels, choose, collect, is_far, turned
@@ -137,7 +138,8 @@ def find_shared(world: "World", fitted: "Fitted") -> SharedFound | None:
     """Infer what pixels share, or remember it; None if it is not asked for, or too few pixels tell."""
     if not world.terms.shared:
         return None
-    return world.memo("shared", (fitted,), lambda: _infer(world, fitted))
+    with one_thread():
+        return world.memo("shared", (fitted,), lambda: _infer(world, fitted))
 
 
 def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
