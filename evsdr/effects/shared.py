@@ -138,8 +138,7 @@ def find_shared(world: "World", fitted: "Fitted") -> SharedFound | None:
     """Infer what pixels share, or remember it; None if it is not asked for, or too few pixels tell."""
     if not world.terms.shared:
         return None
-    with one_thread():
-        return world.memo("shared", (fitted,), lambda: _infer(world, fitted))
+    return world.memo("shared", (fitted,), lambda: _infer(world, fitted))
 
 
 def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
@@ -147,12 +146,11 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
     if len(row) < FEWEST_PIXELS:
         return None
     asked = _asked(world, fitted, row)
-    found, names, untold_deg, no_lag = _lag_or_none(asked, world)
-    off, distance_off, searched = None, DistanceOff(), found.rig
-    if world.terms.thorough and world.metal is None and not found.rig.dark:
-        known = world.found.off if world.found and world.found.names == names else None
-        off = own_bias(found, asked.pixels, world.recording, asked.told, names) if known is None else known
-        found = corrected(found, off, asked.pixels, names)
+    with one_thread():
+        found, names, untold_deg, no_lag = _lag_or_none(asked, world)
+        searched = found.rig
+        found, off = _without_bias(found, names, asked, world)
+    distance_off = DistanceOff()
     if asked.pixels.nearer:
         distance_off = _distance_off(found, world.found if world.moved else None, asked.told.distance)
         basis = Basis.of(names, asked.pixels.light.band)
@@ -164,6 +162,17 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
     return SharedFound(
         found, names, asked.told, told_us, slot_us, untold_deg, no_lag, moved, off, distance_off, searched
     )
+
+
+def _without_bias(
+    found: Inferred, names: tuple[str, ...], asked: "_Asked", world: "World"
+) -> tuple[Inferred, np.ndarray | None]:
+    """Take off what the search is off by of its own, and give that, where it is looked for; see `own_bias`."""
+    if not world.terms.thorough or world.metal is not None or found.rig.dark:
+        return found, None
+    known = world.found.off if world.found and world.found.names == names else None
+    off = own_bias(found, asked.pixels, world.recording, asked.told, names) if known is None else known
+    return corrected(found, off, asked.pixels, names), off
 
 
 @dataclass(frozen=True)

@@ -39,13 +39,12 @@ class Cost:
 
 
 # Measured by experiments/speed_accuracy (blob, shape known, 32 to 256 pixels, 3 and 6 rounds, 2 cores; within a third), less the 2 s
-# before the solver; from the best to the quickest. The start of the two better ones is 0.6 s more, as 64 x 64 takes a third more than the
-# line says: a budget of 5 s then took 7.3
-REFERENCE = 0.0456
+# before the solver; from the best to the quickest
+REFERENCE = 0.059
 COST = {
-    "accurate": Cost(4.2, 1.0e-4, 4.2e-6),
-    "balanced": Cost(3.6, 5.9e-5, 4.8e-6),
-    "fast": Cost(0.9, 1.0e-4, 2.4e-6),
+    "accurate": Cost(4.2, 3.8e-4, 1.3e-6),
+    "balanced": Cost(3.5, 3.2e-4, 1.7e-6),
+    "fast": Cost(1.2, 2.1e-4, 1.0e-6),
 }
 # Times that, where the shape is not known and what hides LEDs is asked of events. Measured on a blob of 128 and of 256: 2.8 to 3.8; on Nefertiti
 # of 96, of which less is hidden, 1.2
