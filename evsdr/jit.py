@@ -111,7 +111,7 @@ def start(variant: str | None = None) -> None:
 def threads_for_images() -> AbstractContextManager:
     """Give Mitsuba two threads at least: with one it waits for ever where it reads or writes EXR.
 
-    Else it may have one: others wait busily, on cores that another process may need. Measured (2 tests at a time on 2 cores): 111 s for 160.
+    Else it may have one: others wait busily, on cores that another process may need. Measured (tests/effects, fitting and solve, 2 at a time on 2 cores): 111 s for 160.
     """
     return _threads(lambda n: max(n, 2))
 
