@@ -6,6 +6,7 @@ import logging
 import secrets
 import socket
 import threading
+import time
 from html import escape
 from http import HTTPStatus
 from pathlib import Path
@@ -26,7 +27,8 @@ SCRIPTS = (
 )
 SILENT = logging.getLogger("evsdr.viewing.server")
 OPEN_S = 2.0  # for a request to come, once somebody has connected
-LAST_S = 1.0  # for the last of what there is to show
+LAST_S = 5.0  # for the last of what there is to show, on a busy machine
+CLOSE_S = 1.0  # for a page to close
 
 
 class Newest:
@@ -72,7 +74,7 @@ class Server:
 
     def __init__(self, title: str):
         self.newest, self.opened = Newest(), threading.Event()
-        self._token = secrets.token_urlsafe(24)
+        self._token, self._feeds = secrets.token_urlsafe(24), set()
         listener = socket.create_server((HOST, 0))
         self._place = f"{HOST}:{listener.getsockname()[1]}"
         self.address = f"http://{self._place}/{self._token}/"
@@ -88,7 +90,7 @@ class Server:
             max_size=1024,
             server_header=None,
             open_timeout=OPEN_S,
-            close_timeout=LAST_S,
+            close_timeout=CLOSE_S,
             logger=SILENT,
         )
 
@@ -98,6 +100,9 @@ class Server:
 
     def __exit__(self, *_) -> None:
         self.newest.end()
+        end = time.monotonic() + LAST_S
+        for feed in tuple(self._feeds):  # shutdown closes what is open, also before the last is sent
+            feed.join(max(end - time.monotonic(), 0.0))
         self._server.shutdown()
 
     def _answer(self, _: ServerConnection, request: Request) -> Response | None:
@@ -116,6 +121,7 @@ class Server:
 
     def _feed(self, connection: ServerConnection) -> None:
         """Send what is newest until there is nothing more."""
+        self._feeds.add(threading.current_thread())
         self.opened.set()
         number, ended = 0, False
         while not ended:

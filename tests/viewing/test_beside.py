@@ -28,7 +28,8 @@ def listen(address, got):
         got.extend(json.loads(text) for text in page)
 
 
-def test_a_recording_is_shown_while_it_is_made(tmp_path, capfd):
+def test_a_recording_is_shown_while_it_is_made(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(module, "END_S", 60.0)
     path, got = tmp_path / "a.raw", []
     with beside(path, *RING, wait_s=0) as address:
         listener = threading.Thread(target=listen, args=(address, got))
@@ -40,7 +41,7 @@ def test_a_recording_is_shown_while_it_is_made(tmp_path, capfd):
             for begin in range(0, len(data), 16_384):
                 file.write(data[begin : begin + 16_384])
                 time.sleep(0.05)
-    listener.join(20)
+    listener.join(60)
     assert got[-1]["ended"] and got[-1]["state"] == "locked" and got[-1]["n_round"] >= 3
     assert len({told["n_event"] for told in got}) > 1
     assert f"preview: {address}" in capfd.readouterr().err

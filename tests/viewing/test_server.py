@@ -4,6 +4,7 @@ import http.client
 import json
 import socket
 import threading
+import time
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -79,6 +80,24 @@ def test_only_the_page_itself_gets_the_feed(server):
         assert page.recv(timeout=10) == "2"
         with pytest.raises(ConnectionClosed):
             page.recv(timeout=10)
+
+
+def test_who_is_late_gets_the_last(monkeypatch):
+    after = Newest.after
+
+    def late(self, number):
+        text, number, ended = after(self, number)
+        time.sleep(0.3 if ended else 0)
+        return text, number, ended
+
+    monkeypatch.setattr(Newest, "after", late)
+    with Server("a") as server:
+        here = urlsplit(server.address)
+        page = connect(f"ws://{here.netloc}{here.path}feed", origin=f"http://{here.netloc}")
+        assert server.opened.wait(10)
+        server.newest.put("last", ended=True)
+    with page:
+        assert list(page) == ["last"]
 
 
 def test_it_listens_on_this_machine_only(server):
