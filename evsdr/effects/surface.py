@@ -1,7 +1,9 @@
 """The surface of a fit: put in the place of the object to trace light on it, and written out."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import TYPE_CHECKING
+from weakref import ref
 
 import numpy as np
 
@@ -30,7 +32,7 @@ class FittedSurface:
         self.camera, self.to_world = camera_geometry(ring.sensor)
         self._scene: RingScene | None = None
         self._depth: Depth | None = None
-        self._fitted: tuple["Fitted | None", float] = None, 0.0
+        self._fitted: tuple[Callable[[], "Fitted | None"], float] = (lambda: None), 0.0  # which is not kept
         self._flat: RingScene | None = None
         self._anchor = object_depth(ring)
 
@@ -59,10 +61,11 @@ class FittedSurface:
 
     def follow(self, fitted: "Fitted", pixels: float, nearer: float = 0.0) -> tuple[RingScene, float]:
         """Give the scene with the surface of a fit, and the length of so many pixels there [scene units]."""
-        if fitted is not self._fitted[0]:
+        last, where = self._fitted
+        if fitted is not last():
             self._depth = self.depth(fitted)
-        if fitted is not self._fitted[0] or nearer != self._fitted[1]:
-            self._fitted = fitted, nearer
+        if fitted is not last() or nearer != where:
+            self._fitted = ref(fitted), nearer
             position, face = traced_mesh(self._depth.nearer(nearer), self.to_world)
             if self._scene is None:
                 self._scene = with_object(self.ring, position, face)

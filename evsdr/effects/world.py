@@ -8,6 +8,7 @@ import numpy as np
 
 from evsdr.effects.gloss_fit import Gloss
 from evsdr.effects.lag import Lag, photoreceptors
+from evsdr.effects.memo import Memo
 from evsdr.effects.sensitivity import Look, look_at, look_at_geometry
 from evsdr.effects.shared import Aim, SharedFound
 from evsdr.effects.surface import FittedSurface
@@ -74,33 +75,6 @@ class Terms:
     seed: int = 1
     shared: tuple[str, ...] = tuple(GROUPS)
     told: Told = Told()
-
-
-class Memo:
-    """Remembers the latest results of costly work: keys are equal if their parts are the same objects or words."""
-
-    def __init__(self):
-        self._kept = {}
-
-    def __call__(self, kind: str, key: tuple, work: Callable, most: int = 1):
-        """Give the result of `work()`, or of one of the latest of this kind with this key."""
-        kept = self._kept.setdefault(kind, [])
-        for k, (known, value) in enumerate(kept):
-            if all(
-                a is b or (isinstance(a, bool | int | float | str) and a == b) for a, b in zip(known, key)
-            ):
-                kept.insert(0, kept.pop(k))
-                return value
-        value = work()
-        kept.insert(0, (key, value))
-        del kept[most:]
-        return value
-
-    def only(self, *kinds: str) -> "Memo":
-        """Remember less."""
-        less = Memo()
-        less._kept = {kind: list(kept) for kind, kept in self._kept.items() if kind in kinds}
-        return less
 
 
 @dataclass(frozen=True)

@@ -211,18 +211,23 @@ def fit_recording(
 
 
 def retell(solve: Decoder, world: World, progress: Progress) -> Fitted:
-    """Fit other pixels under what is believed."""
-    matt, gloss = replace(world, gloss=None), world.gloss
+    """Fit other pixels under what is believed. What they see of the LEDs, if events tell that, is asked once maps are worth it."""
+    matt, gloss, hidden = replace(world, gloss=None), world.gloss, world.shadows == "latent"
+    plain = replace(matt, shadows="scene" if world.ring.shape_is_known else "none") if hidden else matt
     first = "metal" if world.metal else "search" if world.lag else "whole"
-    fitted = solve(matt.problem(), None, first, progress)
+    fitted = solve(plain.problem(), None, first, progress)
     if world.lag:
-        fitted = replace(solve(matt.problem(fitted), fitted, "touch", progress), problem=fitted.problem)
-    if first != "whole":
-        fitted = solve(matt.problem(fitted), fitted, "again" if world.lag else "learn", progress)
+        fitted = replace(solve(plain.problem(fitted), fitted, "touch", progress), problem=fitted.problem)
+    if hidden:
+        fitted = solve(plain.problem(fitted), fitted, "sketch", progress)
+    elif first != "whole":
+        fitted = solve(plain.problem(fitted), fitted, "again" if world.lag else "learn", progress)
         fitted = follow(matt, fitted, solve, progress)
     if world.light_follows_fit:
-        matt, fitted, _ = settle(matt, matt.illumination(), fitted, solve, progress)
-        fitted = solve(matt.problem(fitted), fitted, "light", progress)
+        matt, fitted, _ = settle(matt, plain.illumination(), fitted, solve, progress)
+        fitted = solve(matt.problem(fitted), fitted, "relit" if hidden else "light", progress)
+    if hidden:
+        fitted = follow(matt, solve(matt.problem(fitted), fitted, "again", progress), solve, progress)
     before = fitted
     if gloss:
         glossy = replace(matt, gloss=gloss.commonest(fitted.problem.n_pixel))

@@ -18,7 +18,8 @@ from evsdr.effects.payment import widened
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.shared import Aim, find_shared, plus_minus
 from evsdr.effects.thresholds import ThresholdScale
-from evsdr.effects.world import Fitted, Memo, Terms
+from evsdr.effects.memo import Memo
+from evsdr.effects.world import Fitted, Terms
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps
 from evsdr.solve.shared.pixels import vector_of

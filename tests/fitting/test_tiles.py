@@ -1,5 +1,6 @@
 """Recordings that are solved in tiles: what each tells is joined, and no seam is left."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -37,6 +38,70 @@ def test_each_tile_moves_the_bar_on(small, monkeypatch):
     assert [what for what, _ in told] == [f"{k} of 3, descent" for k in (1, 2, 3)]
     shares = [whole.told(f"tiles, {what}", share) for what, share in told]
     assert shares[0] < 0.5 and np.diff(shares) == pytest.approx([48 / sum(whole.plan.stages.values())] * 2)
+
+
+@dataclass(frozen=True)
+class Believed:
+    """What `retell` asks of a world; its problems are their shadows."""
+
+    shadows: str
+    lag: object
+    known: bool = False
+    gloss: object = None
+    metal: object = None
+
+    @property
+    def ring(self):
+        return SimpleNamespace(shape_is_known=self.known)
+
+    @property
+    def light_follows_fit(self):
+        return self.shadows == "latent"
+
+    def problem(self, fitted=None):
+        return self.shadows
+
+    illumination = problem
+
+
+@pytest.mark.parametrize(
+    "world, asked",
+    [
+        (Believed("none", None), [("whole", "none")]),
+        (Believed("none", "lag"), [("search", "none"), ("touch", "none"), ("again", "none"), "follow"]),
+        (
+            Believed("latent", "lag"),
+            [("search", "none"), ("touch", "none"), ("sketch", "none"), "settle from none"]
+            + [("relit", "latent"), ("again", "latent"), "follow"],
+        ),
+        (
+            Believed("latent", None, known=True),
+            [("whole", "scene"), ("sketch", "scene"), "settle from scene"]
+            + [("relit", "latent"), ("again", "latent"), "follow"],
+        ),
+    ],
+)
+def test_what_is_hidden_from_a_tile_is_asked_once_maps_are_worth_it(monkeypatch, world, asked):
+    """It takes longer than all else, and follows maps."""
+    done = []
+
+    @dataclass(frozen=True)
+    class Told:
+        problem: str
+
+    def solve(problem, fitted, purpose, progress):
+        done.append((purpose, problem))
+        return Told(problem)
+
+    def settle(world, light, fitted, *_):
+        done.append(f"settle from {light}")
+        return world, fitted, {}
+
+    monkeypatch.setattr(story, "settle", settle)
+    monkeypatch.setattr(story, "follow", lambda world, fitted, *_: done.append("follow") or fitted)
+    monkeypatch.setattr(story, "with_model_error", lambda world, fitted, *_: (fitted,))
+    assert story.retell(solve, world, None).problem == world.shadows
+    assert done == asked
 
 
 def test_what_a_tile_tells_is_taken_over():

@@ -7,7 +7,8 @@ import numpy as np
 
 from evsdr.effects.effect import Decision
 from evsdr.effects.shared import SharedFound
-from evsdr.effects.world import Memo, Terms
+from evsdr.effects.memo import Memo
+from evsdr.effects.world import Terms
 from evsdr.records import Recording, Schedule, Sensor
 from evsdr.solve.shared.infer import Inferred
 from evsdr.solve.shared.rig import GROUPS, N_TIMING, NAMES, Rig, Told
