@@ -223,11 +223,15 @@ def retell(solve: Decoder, world: World, progress: Progress) -> Fitted:
     elif first != "whole":
         fitted = solve(plain.problem(fitted), fitted, "again" if world.lag else "learn", progress)
         fitted = follow(matt, fitted, solve, progress)
+    again = hidden and world.terms.thorough
     if world.light_follows_fit:
-        matt, fitted, _ = settle(matt, plain.illumination(), fitted, solve, progress)
-        fitted = solve(matt.problem(fitted), fitted, "relit" if hidden else "light", progress)
+        if again or not hidden:
+            matt, fitted, _ = settle(matt, plain.illumination(), fitted, solve, progress)
+        fitted = solve(matt.problem(fitted), fitted, "relit" if again else "light", progress)
+    if again:
+        fitted = solve(matt.problem(fitted), fitted, "again", progress)
     if hidden:
-        fitted = follow(matt, solve(matt.problem(fitted), fitted, "again", progress), solve, progress)
+        fitted = follow(matt, fitted, solve, progress)
     before = fitted
     if gloss:
         glossy = replace(matt, gloss=gloss.commonest(fitted.problem.n_pixel))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import evsdr
+from evsdr.effects.world import Terms
 from evsdr.fitting import story, tiles, tiling
 from evsdr.fitting.timeline import plan_of
 from evsdr.metrics import angular_error_deg
@@ -49,6 +50,7 @@ class Believed:
     known: bool = False
     gloss: object = None
     metal: object = None
+    terms: Terms = Terms()
 
     @property
     def ring(self):
@@ -78,6 +80,10 @@ class Believed:
             Believed("latent", None, known=True),
             [("whole", "scene"), ("sketch", "scene"), "settle from scene"]
             + [("relit", "latent"), ("again", "latent"), "follow"],
+        ),
+        (
+            Believed("latent", None, terms=Terms(thorough=False)),
+            [("whole", "none"), ("sketch", "none"), ("light", "latent"), "follow"],
         ),
     ],
 )
