@@ -27,7 +27,7 @@ class Memo:
                 return value
         del kept[most - 1 :]  # before the work, which needs the room
         value = work()
-        kept.insert(0, (tuple(part if isinstance(part, WORDS) else ref(part) for part in key), value))
+        kept.insert(0, (tuple(part if isinstance(part, WORDS) else holder(part) for part in key), value))
         return value
 
     def only(self, *kinds: str) -> "Memo":
@@ -37,9 +37,17 @@ class Memo:
         return less
 
 
+def holder(part) -> Callable:
+    """Give what gives an object as long as it is there, None from then on; what can't be referred to weakly is kept."""
+    try:
+        return ref(part)
+    except TypeError:
+        return lambda: part
+
+
 def _gone(held) -> bool:
-    return isinstance(held, ref) and held() is None
+    return callable(held) and held() is None
 
 
 def _same(held, part) -> bool:
-    return held() is part if isinstance(held, ref) else isinstance(part, WORDS) and held == part
+    return held() is part if callable(held) else isinstance(part, WORDS) and held == part

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import TYPE_CHECKING
-from weakref import ref
 
 import numpy as np
 
+from evsdr.effects.memo import holder
 from evsdr.light.camera import camera_geometry
 from evsdr.light.ground_truth import object_depth
 from evsdr.light.scene import RingScene, move_object, rectangle_corners, with_object
@@ -65,7 +65,7 @@ class FittedSurface:
         if fitted is not last():
             self._depth = self.depth(fitted)
         if fitted is not last() or nearer != where:
-            self._fitted = ref(fitted), nearer
+            self._fitted = holder(fitted), nearer
             position, face = traced_mesh(self._depth.nearer(nearer), self.to_world)
             if self._scene is None:
                 self._scene = with_object(self.ring, position, face)

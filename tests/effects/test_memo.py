@@ -31,3 +31,9 @@ def test_a_memo_does_not_keep_what_it_was_asked_of():
     assert memo("a", (asked, np.bool_(True)), lambda: "y") == "x"
     del asked
     assert gone and memo("a", (np.zeros(1), np.bool_(True)), lambda: "z") == "z"
+
+
+def test_what_can_not_be_referred_to_weakly_is_kept():
+    memo, asked = Memo(), (1, 2)
+    assert memo("a", (asked,), lambda: "x") == memo("a", (asked,), lambda: "y") == "x"
+    assert memo("a", ((1, 3),), lambda: "z") == "z"
