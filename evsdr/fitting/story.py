@@ -162,7 +162,7 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
                 FAR * world.terms.limit_deg, UNSEEN * open_deg(fitted)
             ):
                 break
-            if changed and thorough:
+            if changed and (thorough or world.gloss):  # which passes for other thresholds and times
                 world, fitted, changed = share_anew(told, world, fitted, settings, advance)
                 if changed:
                     fitted = solve(world.problem(fitted), fitted, "again", advance)

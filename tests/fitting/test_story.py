@@ -96,8 +96,10 @@ def test_what_pixels_share_is_inferred_anew_under_a_lobe(given, monkeypatch):
         return decide(when, world, *rest)
 
     monkeypatch.setattr(story, "decide", listened)
-    evsdr.fit(*given, evsdr.Settings(gloss="lobe"))
-    assert ("alone", True, None, None) in asked  # from what is told, under the lobe
+    for preset in ("balanced", "fast"):
+        asked.clear()
+        evsdr.fit(*given, evsdr.Settings(gloss="lobe", preset=preset))
+        assert ("alone", True, None, None) in asked  # from what is told, under the lobe
     asked.clear()
     evsdr.fit(*given, FAST)
     assert asked and not any(glossy for _, glossy, *_ in asked)
