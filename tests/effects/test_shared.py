@@ -13,12 +13,12 @@ from evsdr.effects.effect import Decision
 from evsdr.effects.lag import PhotoreceptorLag
 from evsdr.effects.leak import Leak
 from evsdr.effects.leds import LedDirections, LedPowers
+from evsdr.effects.memo import Memo
 from evsdr.effects.near_leds import DistanceOfNearLeds
 from evsdr.effects.payment import widened
 from evsdr.effects.refractory import Refractory
 from evsdr.effects.shared import Aim, find_shared, plus_minus
 from evsdr.effects.thresholds import ThresholdScale
-from evsdr.effects.memo import Memo
 from evsdr.effects.world import Fitted, Terms
 from evsdr.model.illumination import Illumination
 from evsdr.records import Maps

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from evsdr.effects.effect import Decision
-from evsdr.effects.shared import SharedFound
 from evsdr.effects.memo import Memo
+from evsdr.effects.shared import SharedFound
 from evsdr.effects.world import Terms
 from evsdr.records import Recording, Schedule, Sensor
 from evsdr.solve.shared.infer import Inferred
