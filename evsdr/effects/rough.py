@@ -102,7 +102,7 @@ class RoughMatt:
             asked != "auto"
             or world.metal is not None
             or world.terms.solver == "adam"
-            or not world.terms.thorough
+            or not (world.terms.thorough or world.gloss)
         ):
             return Decision(NAME, False, "Lambert's: not looked for")
         view = view_directions(world.ring, fitted.problem.pixel)

@@ -51,11 +51,19 @@ def test_a_lambertian_one_is_none():
 
 def test_it_is_named_once_lobes_are_decided_on(worn, monkeypatch):
     monkeypatch.setattr(rough, "view_directions", lambda *_: None)
-    world = SimpleNamespace(terms=Terms(), metal=None, ring=None, decisions={"gloss": None})
+    world = SimpleNamespace(terms=Terms(), metal=None, gloss=None, ring=None, decisions={"gloss": None})
     decision = RoughMatt().decide("auto", world, Fitted(*worn[:2], None))
     assert decision.modelled and "brighter than a matt one where light or view graze" in decision.warning
     world.decisions = {}
     assert RoughMatt().decide("auto", world, None) is None
     for asked, terms in (("off", Terms()), ("auto", Terms(thorough=False))):
-        world = SimpleNamespace(terms=terms, metal=None, decisions={"gloss": None})
+        world = SimpleNamespace(terms=terms, metal=None, gloss=None, decisions={"gloss": None})
         assert "not looked for" in RoughMatt().decide(asked, world, None).why
+
+
+def test_in_haste_it_is_looked_for_under_lobes_alone(worn, monkeypatch):
+    monkeypatch.setattr(rough, "view_directions", lambda *_: None)
+    world = SimpleNamespace(terms=Terms(thorough=False), metal=None, ring=None, decisions={"gloss": None})
+    for gloss, looked in ((None, False), ("a lobe", True)):
+        world.gloss = gloss
+        assert RoughMatt().decide("auto", world, Fitted(*worn[:2], None)).modelled == looked
