@@ -6,7 +6,7 @@ import drjit as dr
 import numpy as np
 
 from evsdr.effects.effect import Decision
-from evsdr.effects.gloss_fit import N_SAMPLE, fit_gloss, gloss_evidence
+from evsdr.effects.gloss_fit import LEAST_Z, N_SAMPLE, GlossEvidence, fit_gloss, gloss_evidence
 from evsdr.effects.materials import sort_materials
 from evsdr.effects.payment import wider
 from evsdr.effects.shared import in_doubt
@@ -24,6 +24,8 @@ NAME = "gloss"
 # diffuse base (scenes/glossy_sphere.xml) and on blobs of another lobe (experiments.table1)
 LOBE_ERROR = 0.15
 N_FEW = 120  # pixels that the preset fast asks for gloss; measured: see experiments/gloss
+# Standard deviations from which gloss is not clear, but may be there, and more pixels are asked; guessed. Matt scenes reach 0
+MAYBE_Z, MORE = 1.0, (N_SAMPLE, 4 * N_SAMPLE)
 KINDS = {
     "lobe": (RoughCoating, "rough dielectric coating, {}", "alpha"),
     "blinn-phong": (BlinnPhong, "Blinn-Phong lobe, {}", "shininess"),
@@ -53,14 +55,14 @@ def find_gloss(
     before : Decision, optional
         By which lobes are in that fit already: these are refined, by the kinds of material that it tells.
     most : int
-        Pixels, at most, that are asked whether there are any.
+        Pixels, at most, that are asked first whether there are any.
     """
     kind, words, shape = KINDS["lobe" if asked == "auto" else asked]
     if before:
         error, label = before.expected_deg, sort_materials(np.exp(solution.theta[:, 2:]))
     else:
         matt = solution.all_theta, solution.noise, kind, solution.threshold_prior
-        evidence, label = gloss_evidence(problem, *matt, most), None
+        evidence, label = seek(problem, matt, limit_deg, most), None
         error = evidence.error_deg
         if asked == "auto" and not evidence.is_worth_modelling(limit_deg):
             shown = f"{max(evidence.z, 0):.1f} standard deviations, {error:.2f} deg of expected error"
@@ -78,6 +80,17 @@ def find_gloss(
     why = f"left out it would cost {error:.2g} deg" if asked == "auto" else f"asked for by --gloss {asked}"
     found = {shape: gloss.shape.tolist(), "strength": gloss.strength.tolist(), "share": float(share)}
     return Decision(NAME, True, f"{words.format(lobes)}: {why}", error, found, gloss)
+
+
+def seek(problem: Problem, matt: tuple, limit_deg: float, most: int) -> GlossEvidence:
+    """Ask `most` pixels for gloss, and more of them as long as it may be there but is not clear; `matt` is the fit."""
+    evidence = gloss_evidence(problem, *matt, most)
+    for more in MORE:
+        if not MAYBE_Z < evidence.z <= LEAST_Z or evidence.error_deg < limit_deg:
+            break
+        if most < min(more, problem.n_pixel):
+            evidence, most = gloss_evidence(problem, *matt, more), more
+    return evidence
 
 
 def _with_found_thresholds(problem: Problem, solution: Solution) -> Problem:

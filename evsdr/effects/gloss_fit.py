@@ -214,9 +214,10 @@ def near_half_vector(illumination: Illumination, theta: np.ndarray, view=None) -
 
 
 def _some(problem: Problem, candidate: np.ndarray, most: int = N_SAMPLE) -> np.ndarray:
-    """Choose a sample of the candidates (n_pixel) bool that fired events."""
+    """Choose a sample of the candidates (n_pixel) bool that fired events, all over the image."""
     chosen = np.flatnonzero(candidate & (problem.pairs.counts > 0))
-    return chosen[:: max(1, -(-len(chosen) // most))]
+    n = min(most, len(chosen))
+    return chosen[np.arange(n) * len(chosen) // max(n, 1)]
 
 
 def _first_look(

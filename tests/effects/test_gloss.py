@@ -8,7 +8,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from evsdr.effects.gloss import LOBE_ERROR, GlossyLobes, find_gloss, lobe_error
+from evsdr.effects import gloss
+from evsdr.effects.gloss import LOBE_ERROR, GlossyLobes, find_gloss, lobe_error, seek
+from evsdr.effects.gloss_fit import GlossEvidence
 from evsdr.effects.world import Terms
 from tests.support.glossy import KINDS, mean_error, sphere
 from tests.support.sphere import solve
@@ -42,6 +44,35 @@ def test_a_coating_is_found_and_mends_the_normals(coated):
     refined = find_gloss("auto", problem, solution, 0.05, decision)
     assert refined.expected_deg == decision.expected_deg
     assert refined.found["alpha"] == pytest.approx(decision.found["alpha"], rel=0.2)
+
+
+@pytest.mark.parametrize(
+    "z, n_pixel, asked",
+    [
+        ((0.5,), 9999, [120]),  # none
+        ((5.0,), 9999, [120]),  # clear
+        ((2.0, 3.5), 9999, [120, 400]),
+        ((2.0, 2.9, 5.0), 9999, [120, 400, 1600]),
+        ((2.0, 2.9), 400, [120, 400]),  # there are no more
+        ((2.0, 2.9), 100, [120]),
+    ],
+)
+def test_more_pixels_are_asked_until_it_is_clear(monkeypatch, z, n_pixel, asked):
+    answers, said = iter(z), []
+
+    def answer(problem, matt, most):
+        said.append(most)
+        return GlossEvidence(0.1, 0.2, next(answers), 1.0)
+
+    monkeypatch.setattr(gloss, "gloss_evidence", answer)
+    problem = SimpleNamespace(n_pixel=n_pixel)
+    assert seek(problem, ("a fit",), 0.05, 120).z == z[len(asked) - 1] and said == asked
+
+
+def test_what_turns_nothing_is_not_asked_again(monkeypatch):
+    answers = iter([GlossEvidence(0.1, 0.2, 2.0, 0.01)])
+    monkeypatch.setattr(gloss, "gloss_evidence", lambda *_: next(answers))
+    assert seek(SimpleNamespace(n_pixel=9999), (), 0.05, 120).error_deg == 0.01
 
 
 def test_the_published_lobe_on_request():
