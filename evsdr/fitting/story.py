@@ -145,7 +145,7 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
         if world.light_follows_fit and not (one_look or stages.enough):
             world, fitted, notes = settle(world, first_light, fitted, solve, advance)
         last = "light" if changed else "again"
-        if world.moved or (thorough and world.shadows == "latent"):
+        if world.moved or world.shadows == "latent":
             if changed:
                 fitted, last = solve(world.problem(fitted), fitted, "relit", advance), "again"
             world, fitted, _ = share_anew(told, world, fitted, settings, advance)
