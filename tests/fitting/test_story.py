@@ -176,6 +176,29 @@ def test_a_fast_fit_infers_once_and_fits_all_pixels_once(given, monkeypatch):
         assert few <= whole
 
 
+@pytest.mark.parametrize("off", [True, False])
+def test_a_fast_fit_asks_its_sketches_once_more_where_leds_are_not_as_told(given, monkeypatch, off):
+    """Maps were bent by that. What contradicts the events then is told by the sketches."""
+    asked, noise, decide, solve = [], {}, story.decide, Decoder.__call__
+
+    def decided(when, world, fitted, *rest):
+        asked.append(when)
+        noise[when] = fitted and fitted.solution.noise
+        return decide(when, world, fitted, *rest)
+
+    def solved(self, problem, before=None, purpose="whole", *rest):
+        found = solve(self, problem, before, purpose, *rest)
+        noise[purpose] = found.solution.noise
+        return found
+
+    monkeypatch.setattr(story, "decide", decided)
+    monkeypatch.setattr(Decoder, "__call__", solved)
+    monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: off)
+    evsdr.fit(*given, evsdr.Settings(preset="fast", gloss="off", shadows="off", limit_deg=1e-9))
+    assert asked.count("alone") == 1 + off
+    assert noise["together"] == noise["sketch"] != noise["search"]
+
+
 @pytest.mark.parametrize(("share", "known"), [(0.5, True), (0.5, False), (1.0, True), (1.0, False)])
 def test_what_pixels_share_is_inferred_from_some_where_they_are_many(given, monkeypatch, share, known):
     """Those are sketched as often as that moves maps; all once where they shall tell the shape, and all are fitted at last."""
