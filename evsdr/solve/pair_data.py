@@ -124,7 +124,7 @@ def unlit_by(pairs: PairData, doubtful: np.ndarray) -> PairData:
         return table[pixel, slot_leds[slot] & 0xFFFF] | (table[pixel, slot_leds[slot] >> 16] & (phase > slot))
 
     def lit_at_ends(phases, k: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-        start, coded = phases.numpy().reshape(-1, 2)[k].T
+        start, coded = _rows(phases, k)
         return lit(start, pixel) | (lit(np.maximum(np.abs(coded) - 1, 0), pixel) & (coded != 0))
 
     k, pixel = _listed(pairs.first, pairs.last, some)
@@ -134,7 +134,7 @@ def unlit_by(pairs: PairData, doubtful: np.ndarray) -> PairData:
     if pairs.silent_first is None:
         return kept
     k, pixel = _listed(pairs.silent_first, pairs.silent_last, some)
-    begin, end = pairs.silent_probes.numpy().astype(np.int64).reshape(-1, 2)[k].T
+    begin, end = _rows(pairs.silent_probes, k).astype(np.int64)
     silence = np.repeat(np.arange(len(k)), end - begin)
     passed = lit(pairs.probes.numpy()[_ranges(begin, end - begin)], pixel[silence])
     told = ~lit_at_ends(pairs.silent_phases, k, pixel) & (np.bincount(silence, passed, len(k)) == 0)
@@ -148,6 +148,12 @@ def _ranges(begin: np.ndarray, count: np.ndarray) -> np.ndarray:
     return np.arange(count.sum()) + np.repeat(begin - (np.cumsum(count) - count), count)
 
 
+def _rows(twos, k: np.ndarray) -> np.ndarray:
+    """Give some rows (2, n) of an array (2 * n_row,), which holds one number where there are none."""
+    values = twos.numpy()
+    return values.reshape(-1, 2)[k].T if len(k) else np.zeros((2, 0), values.dtype)
+
+
 def _listed(first, last, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Give the places in a list of all that some pixels have, and whose they are."""
     begin = first.numpy().astype(np.int64)[some]
@@ -158,6 +164,8 @@ def _listed(first, last, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _moved(first, last, lists: dict, some: np.ndarray, k: np.ndarray, pixel: np.ndarray) -> tuple:
     """Let some pixels have the places k only, whose those are: at the end of the lists."""
     n = dr.width(next(iter(lists.values()))) // 2  # phases come in twos
+    if n == 0:  # none has any
+        return first, last, lists
     longer = {}
     for name, value in lists.items():
         rows = value.numpy().reshape(n, -1)

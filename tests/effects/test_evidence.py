@@ -39,9 +39,24 @@ def test_half_of_a_curl_that_is_most_of_the_bends_convicts_no_one(left, convicts
 def test_a_hypothesis_that_leaves_hardly_any_events_explains_none(n, convicts):
     """As times in ns do, of which a round is longer than all of the recording."""
     judge, bends = object.__new__(Judge), SimpleNamespace(curl=lambda *_: 0.1)
-    judge.shape, judge.doubts = None, SimpleNamespace(bends=bends, shape=False, curl=False)
+    judge.shape, judge.doubts, judge.n_unknown = (
+        None,
+        SimpleNamespace(bends=bends, shape=False, curl=False),
+        7,
+    )
     normal = np.tile([0.0, 0.0, 1.0], (4, 1)) + np.random.default_rng(0).normal(size=(4, 3))
     judge.told = Score(Trial(0.0, 0.5, np.ones(64), np.arange(4), normal, None), curl_share=0.1)
     score = judge.score(Hypothesis("", "", None), Trial(-2.0, 0.02, np.zeros(n), np.arange(4), normal, None))
     assert score.lost == pytest.approx(max(1 - n / 64, 0))
     assert bool(judge.convicts(score)) == convicts
+
+
+@pytest.mark.parametrize(("n_unknown", "convicts"), [(7, True), (8, False), (12, False)])
+def test_what_explains_hardly_more_events_than_there_are_unknowns_convicts_no_one(n_unknown, convicts):
+    judge, normal = object.__new__(Judge), np.tile([0.0, 0.0, 1.0], (4, 1))
+    judge.doubts, judge.n_unknown = SimpleNamespace(shape=False, curl=False), n_unknown
+    judge.told = Score(Trial(0.0, 0.08, np.ones(64), np.arange(4), normal, None))
+    assert (
+        bool(judge.convicts(Score(Trial(-1.0, 0.02, np.zeros(64), np.arange(4), normal, None), 1.0)))
+        == convicts
+    )

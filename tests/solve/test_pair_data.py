@@ -212,6 +212,32 @@ def test_events_lit_by_doubtful_leds_are_left_out():
     assert unlit_by(before, np.zeros_like(doubt)) is before
 
 
+@pytest.mark.parametrize("silences", [True, False])
+def test_lists_that_hold_nothing_stay_so(silences):
+    """As those of silences where times are told in another unit; an array of Dr.Jit then holds one number."""
+    none, one = mi.UInt32([0, 0]), mi.Float([0])
+    silent = {
+        "silent_first": none,
+        "silent_last": none,
+        "silent_phases": one,
+        "silent_probes": mi.UInt32([0]),
+    }
+    silent |= {"silent_bias": one, "probes": one}
+    before = PairData(
+        none,
+        none,
+        phases=one,
+        threshold_on=None,
+        threshold_off=None,
+        slot_leds=mi.UInt32(pack_slots(np.arange(3), 3)),
+        bias=one,
+        **(silent if silences else {}),
+    )
+    after = unlit_by(before, np.ones((3, 2), bool))
+    assert after.last.numpy().tolist() == [0, 0] and after.phases is one
+    assert not silences or after.silent_last.numpy().tolist() == [0, 0]
+
+
 @pytest.mark.parametrize("n_led", [5, 32, 70])
 def test_a_table_of_many_leds_is_filled_in_parts(n_led, rng):
     """What each LED gives stands where it is looked up, darkness last, however many kernels filled the table."""
