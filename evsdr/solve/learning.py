@@ -173,7 +173,7 @@ class Neighbours:
         n, cost = len(state.theta), state.terms[0]
         if self.priors is None:
             matrix = split(evaluate(system, state.theta), n)[1]
-            covariance = np.linalg.inv(triangles.block(matrix, range(n), slice(None)))
+            covariance = triangles.inverse_of(triangles.block(matrix, range(n), slice(None)))
             return replace(state, covariance=covariance)
         good = (state.noise_factor < IGNORED) & (data.pairs.counts > 0)
         theta = fill(state.theta, good, data.grid.mask)

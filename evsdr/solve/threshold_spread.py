@@ -57,7 +57,7 @@ def learn_spread(
     centre, sigma = np.array([float(value[0]) for value in spread]).reshape(2, 2)
     gains = np.stack([t.numpy()[some] for t in theta[-2:]], axis=-1).astype(float)
     slope = np.stack([g.numpy()[some] for g in gradient], axis=-1).astype(float)
-    covariance = np.linalg.inv(triangles.block(matrix, range(len(theta)), some))[:, -2:]
+    covariance = triangles.inverse_of(triangles.block(matrix, range(len(theta)), some))[:, -2:]
     off = gains - np.einsum("nij,nj->ni", covariance, slope) - centre
     posterior = covariance[:, :, -2:]
     curved = np.zeros(dr.width(theta[0])) if curved is None else np.broadcast_to(curved, dr.width(theta[0]))

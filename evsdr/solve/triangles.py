@@ -107,3 +107,16 @@ def block(triangle: list, which, some) -> np.ndarray:
     """Give a block of the matrices of some pixels (n, d, d)."""
     entries = [[v.numpy()[some] for v in row] for row in rows(triangle, which)]
     return np.moveaxis(np.array(entries, float), -1, 0)
+
+
+def inverse_of(block: np.ndarray) -> np.ndarray:
+    """Invert matrices (n, k, k) that hold single precision; those that rounding made singular as if a little stiffer.
+
+    As where all of a pixel's events are of one LED and steep: what they say of one direction hides all else.
+    """
+    try:
+        return np.linalg.inv(block)
+    except np.linalg.LinAlgError:
+        stiffer = SMALLEST_PIVOT * (np.linalg.slogdet(block).sign == 0)
+        diagonal = block * np.eye(block.shape[-1])
+        return np.linalg.inv(block + stiffer[:, None, None] * diagonal)

@@ -63,3 +63,15 @@ def test_coloured_noise_has_the_matrix_as_covariance(matrix):
         [numbers(triangles.color(lower, pivot, vectors(np.eye(N)[[k] * N_PIXEL]))) for k in range(N)], -1
     )
     np.testing.assert_allclose(root @ np.swapaxes(root, 1, 2), matrix, rtol=1e-4, atol=1e-3)
+
+
+def test_what_rounding_made_singular_has_an_inverse(matrix):
+    matrix = matrix.copy()
+    steep = np.r_[1e6, 1e6, np.zeros(N - 3), 2.0]
+    matrix[3] = np.outer(steep, steep) + np.diag(np.r_[0, 0, np.ones(N - 2)])
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.inv(matrix)
+    found, others = triangles.inverse_of(matrix), np.arange(N_PIXEL) != 3
+    np.testing.assert_array_equal(found[others], np.linalg.inv(matrix[others]))
+    assert np.isfinite(found).all() and (np.diagonal(found[3]) > 0).all()
+    np.testing.assert_allclose(np.diagonal(found[3])[2:-1], 1, rtol=1e-3)  # what is told apart stays so
