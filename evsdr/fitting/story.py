@@ -314,7 +314,7 @@ def settle_events_at_once(
     """Infer what pixels share from rough maps, and let those move with it; sketches of a few pixels show whether that explains them.
 
     Where LEDs are not as told maps were bent by that, and the sketches are asked once more. Measured in fast fits of `experiments.draws` whose powers
-    were 10 % off: 16, 24, 6, 4 18.3 7.9 6.7 14.9 -> 9.9 3.4 4.9 11.6 degrees, 21 6.2 -> 7.3, of 15 more none by more than scatter.
+    were 10 % off: 16, 24, 6, 4 18.3 7.9 6.7 14.9 -> 9.9 3.4 4.9 11.6 degrees, 21 6.2 -> 7.3, of 14 more none by more than scatter.
     """
     new, changed = decide("alone", world, fitted, settings, progress)
     if not changed:
