@@ -65,14 +65,16 @@ def test_more_pixels_are_asked_until_it_is_clear(monkeypatch, z, n_pixel, asked)
         return GlossEvidence(0.1, 0.2, next(answers), 1.0)
 
     monkeypatch.setattr(gloss, "gloss_evidence", answer)
-    problem = SimpleNamespace(n_pixel=n_pixel)
+    counts = np.r_[np.ones(n_pixel, int), np.zeros(5000, int)]  # those that fired nothing are none to ask
+    problem = SimpleNamespace(pairs=SimpleNamespace(counts=counts))
     assert seek(problem, ("a fit",), 0.05, 120).z == z[len(asked) - 1] and said == asked
 
 
 def test_what_turns_nothing_is_not_asked_again(monkeypatch):
     answers = iter([GlossEvidence(0.1, 0.2, 2.0, 0.01)])
     monkeypatch.setattr(gloss, "gloss_evidence", lambda *_: next(answers))
-    assert seek(SimpleNamespace(n_pixel=9999), (), 0.05, 120).error_deg == 0.01
+    problem = SimpleNamespace(pairs=SimpleNamespace(counts=np.ones(9999, int)))
+    assert seek(problem, (), 0.05, 120).error_deg == 0.01
 
 
 def test_the_published_lobe_on_request():
