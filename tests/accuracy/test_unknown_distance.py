@@ -28,23 +28,25 @@ def ball(tmp_path_factory):
 
 def test_the_events_tell_the_distance_of_the_surface(ball, monkeypatch):
     """And once more when the shape is known: by then light is traced on it."""
-    from evsdr.fitting import story  # which needs the backend
+    from evsdr.fitting import sharing  # which needs the backend
 
     told, recording, truth = ball
-    asked, again = [], story.share_anew
+    asked, again = [], sharing.share_anew
 
     def share_anew(as_told, world, *rest):
         asked.append(world.moved)
         return again(as_told, world, *rest)
 
-    monkeypatch.setattr(story, "share_anew", share_anew)
+    monkeypatch.setattr(sharing, "share_anew", share_anew)
     found = evsdr.fit(told, recording, evsdr.Settings(gloss="off"), mask=truth.mask)
     assert asked == [True]
     decision = found.decisions["distance of the surface"]
     mean = np.mean(np.sqrt(1 - np.minimum(radius_squared(truth.mask), 1)))
     assert decision.modelled and decision.found["nearer"] == pytest.approx(mean, abs=0.05)
     off = decision.answer.distance_off
-    assert 0 < off.moving <= decision.found["nearer_sigma"] < 0.03 and off.vague == 0 and 0 < off.turns_deg < 1
+    assert (
+        0 < off.moving <= decision.found["nearer_sigma"] < 0.03 and off.vague == 0 and 0 < off.turns_deg < 1
+    )
     error = evsdr.score(found.maps, truth)["mae_deg"]
     known = truth.mask & found.maps.mask
     angle = evsdr.angular_error_deg(found.maps.normal, truth.normal)[known]

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::evsdr.InputWarning")  # maps th
 
 def test_the_dark_around_a_thing_tells_nothing_of_it(tmp_path, monkeypatch):
     """If it is not left out, silence passes for thresholds that are large, and reflectances follow."""
-    from evsdr.fitting import story  # which needs the backend
+    from evsdr.fitting import deciding  # which needs the backend
 
     true, told = tmp_path / "true.xml", tmp_path / "told.xml"
     small = camera(width=48, height=48, wide=2.0)
@@ -28,7 +28,7 @@ def test_the_dark_around_a_thing_tells_nothing_of_it(tmp_path, monkeypatch):
         return evsdr.score(evsdr.fit(told, recording, FAST, mask=mask).maps, truth)
 
     masked, alone = errors(truth.mask), errors()
-    monkeypatch.setattr(story, "EFFECTS", [e for e in story.EFFECTS if not isinstance(e, Outline)])
+    monkeypatch.setattr(deciding, "EFFECTS", [e for e in deciding.EFFECTS if not isinstance(e, Outline)])
     dark = errors()
     assert alone["median_deg"] < 1.2 * masked["median_deg"]
     assert alone["rmse"] < 2 * masked["rmse"]  # pixels of the rim are dark in part

@@ -6,8 +6,8 @@ from inspect import signature
 import pytest
 
 from evsdr.effects.effect import Decision, Effect
+from evsdr.fitting.deciding import EFFECTS
 from evsdr.fitting.settings import Settings
-from evsdr.fitting.story import EFFECTS
 
 WHENS = "first", "scene", "anew", "alone", "together", "settled", "last"
 
@@ -23,7 +23,7 @@ def test_each_keeps_the_protocol(effect):
         )
 
 
-def test_their_order_is_that_of_the_story():
+def test_their_order_is_that_of_a_fit():
     whens = [WHENS.index(effect.when) for effect in EFFECTS]
     assert whens == sorted(whens)
 

@@ -9,7 +9,7 @@ import pytest
 from evsdr.effects.effect import Decision
 from evsdr.effects.shared import SharedFound
 from evsdr.effects.world import Fitted, Terms
-from evsdr.fitting import story
+from evsdr.fitting import deciding, sharing
 from evsdr.progress import silent
 
 TERMS = Terms(shared=("lag",), limit_deg=0.05)
@@ -62,16 +62,16 @@ def found(turned_deg, scale):
     ],
 )
 def test_another_fit_where_it_moves_maps(monkeypatch, decided, answer, fits):
-    monkeypatch.setattr(story, "decide", lambda when, world, *_: (replace(world, lag="found"), decided))
+    monkeypatch.setattr(deciding, "decide", lambda when, world, *_: (replace(world, lag="found"), decided))
     taught = []
 
     def find_shared(world, teacher):
         taught.append(teacher.problem)
         return answer
 
-    monkeypatch.setattr(story, "find_shared", find_shared)
+    monkeypatch.setattr(sharing, "find_shared", find_shared)
     told, begun = World(), World(lag="before")
-    world, fitted, again = story.share_anew(told, begun, Fitted(None, Maps(), None), None, silent)
+    world, fitted, again = sharing.share_anew(told, begun, Fitted(None, Maps(), None), None, silent)
     told_light = "problem", "none", "under none"  # hidden LEDs are looked for once, under what was told
     assert again == fits and taught == [told_light] and (fitted.seen == "under none") == fits
     assert world.lag == ("found" if fits else "before")
@@ -80,30 +80,20 @@ def test_another_fit_where_it_moves_maps(monkeypatch, decided, answer, fits):
 
 def test_it_starts_from_what_was_found_last_whose_maps_these_are(monkeypatch):
     """Whose own bias is that of the light before."""
-    monkeypatch.setattr(story, "decide", lambda when, world, *_: (replace(world, lag="found"), False))
+    monkeypatch.setattr(deciding, "decide", lambda when, world, *_: (replace(world, lag="found"), False))
     last = SharedFound("rig", ("tau",), None, 0.0, 1.0, off=np.ones(1))
     first = replace(last, inferred="an earlier rig")
     decisions = {"LEDs": Decision("LEDs", True, "", answer="light")}
     decisions |= {name: Decision(name, True, "", answer=of) for name, of in (("a", first), ("b", last))}
     begun, started = World(found=first, decisions=decisions), []
-    monkeypatch.setattr(story, "find_shared", lambda world, teacher: started.append(world.found))
+    monkeypatch.setattr(sharing, "find_shared", lambda world, teacher: started.append(world.found))
     for world in (begun, World()):
-        story.share_anew(World(), world, Fitted(None, Maps(), None), None, silent)
+        sharing.share_anew(World(), world, Fitted(None, Maps(), None), None, silent)
     assert started == [replace(last, off=None), None]
 
 
 def test_who_stops_keeps_what_was_believed(monkeypatch):
-    monkeypatch.setattr(story, "decide", lambda when, world, *_: (world, False))
-    monkeypatch.setattr(story, "find_shared", lambda *_: pytest.fail("inferred"))
+    monkeypatch.setattr(deciding, "decide", lambda when, world, *_: (world, False))
+    monkeypatch.setattr(sharing, "find_shared", lambda *_: pytest.fail("inferred"))
     begun, fitted = World(lag="before"), Fitted(None, Maps(), None)
-    assert story.share_anew(World(), begun, fitted, None, silent) == (begun, fitted, False)
-
-
-def test_normals_turn_where_both_fits_know_them():
-    fits = []
-    for angle, known in ((0.0, [1, 1, 0]), (0.1, [1, 0, 1])):
-        normal = np.broadcast_to([np.sin(angle), 0, np.cos(angle)], (1, 3, 3))
-        fits.append(Fitted(None, None, SimpleNamespace(normal=normal, mask=np.array([known], bool))))
-    assert story.turned_deg(*fits) == pytest.approx(np.degrees(0.1))
-    unknown = Fitted(None, None, SimpleNamespace(normal=normal, mask=np.zeros((1, 3), bool)))
-    assert story.turned_deg(fits[0], unknown) == 0
+    assert sharing.share_anew(World(), begun, fitted, None, silent) == (begun, fitted, False)

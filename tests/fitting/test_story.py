@@ -1,49 +1,24 @@
-"""The story of a fit: effects are decided in order, and one more needs no other file."""
+"""The story of a fit: when it asks what, and when it solves."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
-import mitsuba as mi
 import numpy as np
 import pytest
 
 import evsdr
 from evsdr.effects.blocks import at_some
-from evsdr.effects.effect import Decision
 from evsdr.effects.leds import LedPowers
-from evsdr.fitting import story, tiling
+from evsdr.effects.world import Fitted
+from evsdr.fitting import deciding, sharing, story, tiling
 from evsdr.fitting.decoder import Decoder
 from evsdr.fitting.tiles import within
 from evsdr.light.scene import RingScene
 from evsdr.progress import Seconds
 from evsdr.records import Events
-from evsdr.solve import trial
 from tests.support.small_scene import scene
 
 FAST = evsdr.Settings(preset="fast", shared=())
-ALL = {"LEDs", "cast shadows", "rays per pixel", "hot pixels", "contrast thresholds", "refractory period"}
-ALL |= {"set-up", "wiring", "photoreceptor lag", "light paths", "gloss", "metal", "translucency", "matt part"}
-ALL |= {"LED powers", "LED directions", "shift of all times", "leak", "slot length", "background activity"}
-ALL |= {"distance of the surface"}
-
-
-class LateTriggers:
-    """Triggers that come late by a part of a slot, as by a slow cable."""
-
-    name, option, when = "late triggers", "", "scene"
-
-    def decide(self, asked, world, fitted):
-        row, delays = np.arange(0, world.mask.sum(), 3, dtype=np.uint32), np.arange(0.0, 5000.0, 1000.0)
-        worlds = [replace(world, recording=self.early(world.recording, us)) for us in delays]
-        cases = [early.problem().pairs.at(mi.UInt32(row)) for early in worlds]
-        cost = trial.costs(cases, world.illumination(), row, False).sum(axis=1)
-        us = float(delays[np.argmin(cost)])
-        return Decision(self.name, us > 0, f"by {us:.0f} us", found={"us": us})
-
-    def model(self, world, decision):
-        return replace(world, recording=self.early(world.recording, decision.found["us"]))
-
-    def early(self, recording, us):
-        return replace(recording, round_start_us=recording.round_start_us - int(us))
 
 
 @pytest.fixture
@@ -71,31 +46,15 @@ def test_an_unknown_shape_is_bounded_by_a_mask_or_by_its_outline(given, tmp_path
         assert world.surface.bounded == bounded == within(world, tile).surface.bounded
 
 
-def test_an_eleventh_effect(given, place, monkeypatch):
-    ring, recording = given
-    late = replace(recording, round_start_us=recording.round_start_us + 3000)
-    with pytest.warns(evsdr.InputWarning):
-        spoilt = evsdr.fit(ring, late, FAST)
-    monkeypatch.setattr(story, "EFFECTS", (LateTriggers(), *story.EFFECTS))
-    found = evsdr.fit(ring, late, FAST)
-    effect = found.summary["effects"]["late triggers"]
-    assert effect["modelled"] and effect["found"]["us"] == pytest.approx(3000, abs=300)
-    assert found.summary["model"]["late triggers"] == found.decisions["late triggers"].why
-    truth = np.load(place / "truth.npz")
-    truth = evsdr.Truth(truth["normal"], truth["reflectance"], truth["mask"])
-    error, before = (evsdr.score(fit.maps, truth)["mae_deg"] for fit in (found, spoilt))
-    assert error < 0.5 * before
-
-
 def test_what_pixels_share_is_inferred_anew_under_a_lobe(given, monkeypatch):
     """A matt fit takes gloss for other thresholds and times."""
-    asked, decide = [], story.decide
+    asked, decide = [], deciding.decide
 
     def listened(when, world, *rest):
         asked.append((when, world.gloss is not None, world.lag, world.aim))
         return decide(when, world, *rest)
 
-    monkeypatch.setattr(story, "decide", listened)
+    monkeypatch.setattr(deciding, "decide", listened)
     for preset in ("balanced", "fast"):
         asked.clear()
         evsdr.fit(*given, evsdr.Settings(gloss="lobe", preset=preset))
@@ -110,13 +69,13 @@ def test_what_pixels_share_is_inferred_anew_under_a_lobe(given, monkeypatch):
 )
 def test_surfaces_are_asked_for_until_normals_stand_still(given, monkeypatch, turned, sigma, asked):
     """Or turn by hardly more than is known of them. A lobe changes the residuals that tell it."""
-    decide, times = story.decide, []
+    decide, times = deciding.decide, []
 
     def counted(when, *rest):
         times.append(when)
         return decide(when, *rest)
 
-    monkeypatch.setattr(story, "decide", counted)
+    monkeypatch.setattr(deciding, "decide", counted)
     monkeypatch.setattr(story, "turned_deg", lambda *_: turned[times.count("settled") - 2])
     monkeypatch.setattr(story, "open_deg", lambda _: sigma)
     evsdr.fit(*given, replace(FAST, gloss="lobe"))
@@ -125,13 +84,13 @@ def test_surfaces_are_asked_for_until_normals_stand_still(given, monkeypatch, tu
 
 def test_what_pixels_share_is_inferred_anew_once_hidden_leds_are_known(given, monkeypatch):
     """A fit that sees all LEDs takes shadows for other thresholds and times."""
-    asked, decide = [], story.decide
+    asked, decide = [], deciding.decide
 
     def listened(when, world, *rest):
         asked.append((when, world.shadows, world.lag, world.aim))
         return decide(when, world, *rest)
 
-    monkeypatch.setattr(story, "decide", listened)
+    monkeypatch.setattr(deciding, "decide", listened)
     for preset in ("balanced", "fast"):
         asked.clear()
         evsdr.fit(*given, evsdr.Settings(preset=preset, shadows="latent"))
@@ -150,7 +109,7 @@ def test_maps_that_were_sketched_after_shadows_hear_all_events_at_last(given, mo
         return solve(self, problem, before, purpose, *rest)
 
     monkeypatch.setattr(Decoder, "__call__", listened)
-    monkeypatch.setattr(story, "share_anew", lambda told, world, fitted, *rest: (world, fitted, False))
+    monkeypatch.setattr(sharing, "share_anew", lambda told, world, fitted, *rest: (world, fitted, False))
     for settings in (evsdr.Settings(), FAST):
         purposes.clear()
         evsdr.fit(*given, replace(settings, shadows="latent"))
@@ -167,7 +126,7 @@ def test_a_fast_fit_infers_once_and_fits_all_pixels_once(given, monkeypatch):
 
     monkeypatch.setattr(Decoder, "__call__", listened)
     monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: True)
-    monkeypatch.setattr(story, "FEW", 1)
+    monkeypatch.setattr(sharing, "FEW", 1)
     for shadows, rest in (("off", ["again"]), ("latent", ["relit", "again"])):
         asked.clear()
         evsdr.fit(*given, evsdr.Settings(preset="fast", gloss="off", shadows=shadows, limit_deg=1e-9))
@@ -179,7 +138,7 @@ def test_a_fast_fit_infers_once_and_fits_all_pixels_once(given, monkeypatch):
 @pytest.mark.parametrize("off", [True, False])
 def test_a_fast_fit_asks_its_sketches_once_more_where_leds_are_not_as_told(given, monkeypatch, off):
     """Maps were bent by that. What contradicts the events then is told by the sketches."""
-    asked, noise, decide, solve = [], {}, story.decide, Decoder.__call__
+    asked, noise, decide, solve = [], {}, deciding.decide, Decoder.__call__
 
     def decided(when, world, fitted, *rest):
         asked.append(when)
@@ -191,7 +150,7 @@ def test_a_fast_fit_asks_its_sketches_once_more_where_leds_are_not_as_told(given
         noise[purpose] = found.solution.noise
         return found
 
-    monkeypatch.setattr(story, "decide", decided)
+    monkeypatch.setattr(deciding, "decide", decided)
     monkeypatch.setattr(Decoder, "__call__", solved)
     monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: off)
     evsdr.fit(*given, evsdr.Settings(preset="fast", gloss="off", shadows="off", limit_deg=1e-9))
@@ -212,7 +171,7 @@ def test_what_pixels_share_is_inferred_from_some_where_they_are_many(given, monk
         return at_some(fitted, np.arange(fitted.problem.n_pixel) < share * fitted.problem.n_pixel)
 
     monkeypatch.setattr(Decoder, "__call__", listened)
-    monkeypatch.setattr(story, "sample_of", some)
+    monkeypatch.setattr(sharing, "sample_of", some)
     monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: True)
     monkeypatch.setattr(RingScene, "shape_is_known", known)
     evsdr.fit(*given, evsdr.Settings(gloss="off", shadows="off", limit_deg=1e-9))
@@ -220,30 +179,6 @@ def test_what_pixels_share_is_inferred_from_some_where_they_are_many(given, monk
     few = np.count_nonzero(np.arange(whole) < share * whole)
     sketches = [("sketch", few), ("sketch", few), *[("sketch", whole)] * (share < 1 and not known)]
     assert asked == [("rough", whole), *sketches, ("again", whole)]
-
-
-def test_every_effect_is_decided_on_and_reported(given):
-    found = evsdr.fit(*given, FAST)
-    assert set(found.decisions) == set(found.summary["effects"]) == ALL
-    for name, effect in found.summary["effects"].items():
-        assert set(effect) == {"modelled", "expected_deg", "found"}
-        assert found.summary["model"][name] == found.decisions[name].why
-
-
-@pytest.mark.filterwarnings(
-    "ignore:.*come again in every round:evsdr.InputWarning"
-)  # of light that is left out
-@pytest.mark.parametrize(("limit_deg", "modelled"), [(0.05, True), (50.0, False)])
-def test_one_limit_for_all(tmp_path, limit_deg, modelled):
-    """What costs more than the limit is modelled, what costs less is not."""
-    from tests.support.small_scene import camera, leds, scene
-
-    (tmp_path / "near.xml").write_text(scene(light=leds(distance=4), sensor=camera(width=20, height=20)))
-    ring = evsdr.load_scene(tmp_path / "near.xml")
-    recording, _ = evsdr.simulate(ring, rounds=2)
-    found = evsdr.fit(ring, recording, replace(FAST, limit_deg=limit_deg))
-    assert found.decisions["LEDs"].modelled == modelled
-    assert 0.05 < found.decisions["LEDs"].expected_deg < 50
 
 
 @pytest.mark.parametrize(
@@ -270,7 +205,7 @@ def test_what_is_unknown_of_all(settings, names):
 def test_what_leaves_few_pixels_explained_is_taken_back(given, monkeypatch, preset, blind_one, modelled):
     """A sketch that knows no pixel: what was believed before it stays, and the decisions say so."""
     ring, recording = given
-    real = story.Decoder.__call__
+    real = Decoder.__call__
     purposes = []
 
     def blind(self, problem, before=None, purpose="whole", progress=lambda stage, share: None):
@@ -280,7 +215,7 @@ def test_what_leaves_few_pixels_explained_is_taken_back(given, monkeypatch, pres
             return fitted
         return replace(fitted, maps=replace(fitted.maps, mask=np.zeros_like(fitted.maps.mask)))
 
-    monkeypatch.setattr(story.Decoder, "__call__", blind)
+    monkeypatch.setattr(Decoder, "__call__", blind)
     monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: True)
     settings = evsdr.Settings(preset=preset, gloss="off", shadows="off", limit_deg=1e-9)
     found = evsdr.fit(ring, recording, settings)
@@ -289,3 +224,13 @@ def test_what_leaves_few_pixels_explained_is_taken_back(given, monkeypatch, pres
     powers = found.decisions["LED powers"]
     why = "as found" if modelled else "as told: with what the events seem to tell"
     assert powers.modelled == modelled and powers.why.startswith(why)
+
+
+def test_normals_turn_where_both_fits_know_them():
+    fits = []
+    for angle, known in ((0.0, [1, 1, 0]), (0.1, [1, 0, 1])):
+        normal = np.broadcast_to([np.sin(angle), 0, np.cos(angle)], (1, 3, 3))
+        fits.append(Fitted(None, None, SimpleNamespace(normal=normal, mask=np.array([known], bool))))
+    assert story.turned_deg(*fits) == pytest.approx(np.degrees(0.1))
+    unknown = Fitted(None, None, SimpleNamespace(normal=normal, mask=np.zeros((1, 3), bool)))
+    assert story.turned_deg(fits[0], unknown) == 0

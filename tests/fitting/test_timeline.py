@@ -5,7 +5,7 @@ import re
 import pytest
 
 from evsdr.fitting.entrance import SOLVE
-from evsdr.fitting.story import EFFECTS
+from evsdr.fitting.deciding import EFFECTS
 from evsdr.fitting.timeline import FIT, plan_of
 from tests.conftest import REPOSITORY
 
