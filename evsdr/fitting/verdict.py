@@ -28,6 +28,9 @@ RECURRING = 0.05
 # hold (94 % within three), 0.29 to 0.35 on a relief, a goathead, Nefertiti and a skull, whose do
 SHADOWED = 0.5
 FEW_KNOWN = 0.5  # of the pixels that fire; guessed
+# Sigmas by which the brightest band of a share of the pixels must exceed 1. Measured: a tenth exceeds 2.5 to 3.3 under a constant light that is
+# told 10 times (`experiments.setup_errors`), but at most 0.75 where it is told right, also in 43 draws (`experiments.draws`)
+BRIGHT_SIGMAS, BRIGHT_SHARE = 2.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -147,6 +150,7 @@ def doubts_of(world: World, fitted: Fitted) -> Iterator[str]:
             yield f"{source}: {decision.doubt}"
     yield from torn_thresholds(world, fitted)
     yield from faint_light(world, fitted)
+    yield from too_bright(world, fitted)
     yield from contrary_pixels(world, fitted)
     for name, values in threshold_summary(world.recording, fitted).items():
         if abs(np.log(values["found"] / values["told"])) > WRONG_THRESHOLD:
@@ -192,6 +196,20 @@ def faint_light(world: World, fitted: Fitted) -> Iterator[str]:
         yield (
             f"{world.ring.path}: constant_light is {share:.2g} of the light of an LED, so weak that errors may be larger than "
             "sigmas say; make it about half of that light."
+        )
+
+
+def too_bright(world: World, fitted: Fitted) -> Iterator[str]:
+    """Say that surfaces reflect more light than they get: it is the constant light that makes reflectances absolute."""
+    maps, veil = fitted.maps, world.ring.constant_light
+    if veil == 0 or not maps.mask_reflectance.any():
+        return
+    least = (maps.reflectance - BRIGHT_SIGMAS * maps.reflectance_sigma)[maps.mask_reflectance].max(axis=-1)
+    if np.quantile(least, 1 - BRIGHT_SHARE) > 1:
+        most = np.quantile(maps.reflectance[maps.mask_reflectance].max(axis=-1), 1 - BRIGHT_SHARE)
+        yield (
+            f"{world.ring.path}: a tenth of the pixels reflect {most:.1f} times the light that they get, and more, so constant_light is "
+            "probably told too large, and all reflectances with it; measure it and write it there."
         )
 
 

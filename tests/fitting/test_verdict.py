@@ -52,6 +52,20 @@ def test_a_constant_light_that_is_too_weak_is_a_doubt():
     assert str(judge(world(constant_light=0.01), fitted())) == TRUSTWORTHY
 
 
+def test_surfaces_that_reflect_more_than_they_get_are_a_doubt():
+    """By two sigmas, a tenth of the pixels whose scale is known, in any band; but not where no scale is told."""
+    bright = np.full((10, 10, 3), 0.5)
+    bright[8:, :, 2] = 1.5
+    doubt = said("^a.xml: a tenth of the pixels reflect 1.5 times", world(), fitted(reflectance=bright))
+    assert doubt.startswith("doubtful: a.xml: ")
+    for seemly in (np.minimum(bright, 1.3), np.where(np.arange(300).reshape(10, 10, 3) < 275, 0.5, bright)):
+        assert str(judge(world(), fitted(reflectance=seemly))) == TRUSTWORTHY
+    unscaled = said("can't tell their scale", world(), fitted(reflectance=bright, scaled=80))
+    assert "reflect " not in unscaled
+    dark = said("constant_light is 0", world(constant_light=0), fitted(reflectance=bright))
+    assert dark == TRUSTWORTHY
+
+
 def test_a_fit_that_was_stopped_is_doubtful():
     assert said("stopped early", world(), fitted(), True).startswith(
         "doubtful: b.h5: this fit was stopped early"

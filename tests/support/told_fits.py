@@ -10,7 +10,9 @@ from evsdr.records import Schedule, Sensor
 N = 100
 
 
-def fitted(gain=None, noise=0.1, noisy=0, known=N, scaled=N, busy=0, hidden=None, prior=None):
+def fitted(
+    gain=None, noise=0.1, noisy=0, known=N, scaled=N, busy=0, hidden=None, prior=None, reflectance=0.5
+):
     """A fit; the first of its pixels are so noisy that they count for nothing, only some, or their scales, are known,
     and the first fire nine times as often; LED 2 is hidden from the first, where that is modelled."""
     factor = np.ones(N)
@@ -24,8 +26,9 @@ def fitted(gain=None, noise=0.1, noisy=0, known=N, scaled=N, busy=0, hidden=None
         threshold_prior=prior,
     )
     mask, mask_reflectance = ((np.arange(N) < n).reshape(10, 10) for n in (known, min(known, scaled)))
-    reflectance = np.full((10, 10, 3), 0.5)
+    reflectance = np.full((10, 10, 3), reflectance)
     maps = SimpleNamespace(mask=mask, mask_reflectance=mask_reflectance, reflectance=reflectance)
+    maps.reflectance_sigma = np.full_like(reflectance, 0.2)
     count = np.full(N, 20)
     count[:busy] *= 9
     told = SimpleNamespace(offset=np.append(0, np.cumsum(count)).astype(np.uint32))
