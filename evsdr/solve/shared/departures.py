@@ -96,10 +96,13 @@ def eliminated(value, sigma, n, cost, gradient, matrix) -> tuple:
     largest = np.einsum("xii->xi", own).max(axis=1)
     own += ROUNDING * largest[:, None, None] * np.eye(n_led)
     pull = gradient[:, led] + value / sigma**2
-    inverse = np.linalg.inv(own)
-    follow, rest = inverse @ matrix[:, led], np.einsum("xij,xj->xi", inverse, pull)
-    across = matrix[:, :, led]
-    cost = cost + 0.5 * np.sum(value**2, axis=1) / sigma**2 - 0.5 * np.sum(pull * rest, axis=1)
-    gradient = gradient - np.einsum("xaj,xj->xa", across, rest)
-    departures = Departures(value, follow, rest, np.einsum("xii->xi", inverse))
-    return cost, gradient, matrix - across @ follow, departures
+    # By Cholesky's root: where one event outweighs all others, products with the inverse leave matrices that are none of a minimum
+    root = np.linalg.cholesky(own)
+    across, identity = matrix[:, led], np.broadcast_to(np.eye(n_led), own.shape)
+    half = np.linalg.solve(root, np.concatenate([across, pull[:, :, None], identity], axis=2))
+    whole = np.linalg.solve(np.swapaxes(root, 1, 2), half[:, :, : across.shape[2] + 1])
+    of_all, of_pull, of_own = np.split(half, [across.shape[2], across.shape[2] + 1], axis=2)
+    cost = cost + 0.5 * np.sum(value**2, axis=1) / sigma**2 - 0.5 * np.sum(of_pull**2, axis=(1, 2))
+    gradient = gradient - (np.swapaxes(of_all, 1, 2) @ of_pull)[:, :, 0]
+    departures = Departures(value, whole[:, :, :-1], whole[:, :, -1], np.sum(of_own**2, axis=1))
+    return cost, gradient, matrix - np.swapaxes(of_all, 1, 2) @ of_all, departures

@@ -254,7 +254,8 @@ class Posterior:
         curvature = stiffened(complement, stiffness)
         least, most = (self.bounded(np.full(len(free), end)) - free for end in (-np.inf, np.inf))
         unit = np.sqrt(np.diag(curvature))
-        root = np.linalg.cholesky(curvature / np.outer(unit, unit)).T
+        length, along = np.linalg.eigh(curvature / np.outer(unit, unit))
+        root = np.sqrt(np.maximum(length, 0))[:, None] * along.T  # rounding may leave less than nothing
         return lsq_linear(root, root @ (unit * step), (unit * least, unit * most), method="bvls").x / unit
 
     def bounded(self, free: np.ndarray) -> np.ndarray:

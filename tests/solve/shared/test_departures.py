@@ -40,6 +40,17 @@ def quadratic(rng, n_pixel=3, n=4, n_led=5, m=7):
     return value, np.zeros(n_pixel), gradient, matrix
 
 
+def test_an_event_that_outweighs_all_others_leaves_a_minimum(rng):
+    """What is left stays positive definite, where two LEDs share an event 1e10 times as telling as the rest."""
+    value, cost, gradient, matrix = quadratic(rng)
+    n, sigma = 4, 0.1
+    row = np.zeros((len(matrix), 11))
+    row[:, [0, 2, n, n + 1]] = 3e5 * np.array([0.1, 0.01, 1, -1 + 1e-6])
+    sharp = matrix * 1e-2 + row[:, :, None] * row[:, None]
+    _, _, left, _ = eliminated(value, sigma, n, cost, gradient, sharp)
+    assert np.linalg.eigvalsh(left[:, :n, :n]).min() > 0
+
+
 def test_what_is_left_is_that_of_the_best_departures(rng):
     """Cost, gradient and matrix after they are eliminated, by minimising over them."""
     value, cost, gradient, matrix = quadratic(rng)
