@@ -39,11 +39,8 @@ def test_half_of_a_curl_that_is_most_of_the_bends_convicts_no_one(left, convicts
 def test_a_hypothesis_that_leaves_hardly_any_events_explains_none(n, convicts):
     """As times in ns do, of which a round is longer than all of the recording."""
     judge, bends = object.__new__(Judge), SimpleNamespace(curl=lambda *_: 0.1)
-    judge.shape, judge.doubts, judge.n_unknown = (
-        None,
-        SimpleNamespace(bends=bends, shape=False, curl=False),
-        7,
-    )
+    judge.shape, judge.n_unknown, judge.n_round = None, 7, 1
+    judge.doubts = SimpleNamespace(bends=bends, shape=False, curl=False)
     normal = np.tile([0.0, 0.0, 1.0], (4, 1)) + np.random.default_rng(0).normal(size=(4, 3))
     judge.told = Score(Trial(0.0, 0.5, np.ones(64), np.arange(4), normal, None), curl_share=0.1)
     score = judge.score(Hypothesis("", "", None), Trial(-2.0, 0.02, np.zeros(n), np.arange(4), normal, None))
@@ -51,12 +48,20 @@ def test_a_hypothesis_that_leaves_hardly_any_events_explains_none(n, convicts):
     assert bool(judge.convicts(score)) == convicts
 
 
-@pytest.mark.parametrize(("n_unknown", "convicts"), [(7, True), (8, False), (12, False)])
-def test_what_explains_hardly_more_events_than_there_are_unknowns_convicts_no_one(n_unknown, convicts):
+@pytest.mark.parametrize(
+    ("n_unknown", "n_round", "convicts"),
+    [(7, 3, True), (7, 4, False), (8, 1, False), (12, 1, False), (3, 8, True)],
+)
+def test_what_explains_hardly_more_events_than_there_are_unknowns_convicts_no_one(
+    n_unknown, n_round, convicts
+):
+    """Of all rounds, and of each: more rounds of the same light tell no more of what it is."""
     judge, normal = object.__new__(Judge), np.tile([0.0, 0.0, 1.0], (4, 1))
-    judge.doubts, judge.n_unknown = SimpleNamespace(shape=False, curl=False), n_unknown
-    judge.told = Score(Trial(0.0, 0.08, np.ones(64), np.arange(4), normal, None))
-    assert (
-        bool(judge.convicts(Score(Trial(-1.0, 0.02, np.zeros(64), np.arange(4), normal, None), 1.0)))
-        == convicts
+    judge.doubts, judge.n_unknown, judge.n_round = (
+        SimpleNamespace(shape=False, curl=False),
+        n_unknown,
+        n_round,
     )
+    judge.told = Score(Trial(0.0, 0.08, np.ones(64), np.arange(4), normal, None))
+    trial = Trial(-1.0, 0.02, np.zeros(64), np.arange(4), normal, None)
+    assert bool(judge.convicts(Score(trial, 1.0))) == convicts

@@ -234,3 +234,27 @@ def test_normals_turn_where_both_fits_know_them():
     assert story.turned_deg(*fits) == pytest.approx(np.degrees(0.1))
     unknown = Fitted(None, None, SimpleNamespace(normal=normal, mask=np.zeros((1, 3), bool)))
     assert story.turned_deg(fits[0], unknown) == 0
+
+
+@pytest.mark.parametrize(("preset", "first"), [("fast", "search"), ("balanced", "rough")])
+def test_all_pixels_begin_anew_where_some_did(given, monkeypatch, preset, first):
+    """As those by which powers ran away sit where others explain the events less well."""
+    asked, solve, look = [], Decoder.__call__, sharing.Sketcher.look
+
+    def listened(self, problem, before=None, purpose="whole", *rest):
+        asked.append((purpose, problem.n_pixel, before is None))
+        return solve(self, problem, before, purpose, *rest)
+
+    def some(fitted, enough=None):
+        return at_some(fitted, np.arange(fitted.problem.n_pixel) < 0.5 * fitted.problem.n_pixel)
+
+    monkeypatch.setattr(Decoder, "__call__", listened)
+    monkeypatch.setattr(LedPowers, "is_clear", lambda self, found: True)
+    monkeypatch.setattr(sharing, "sample_of", some)
+    settings = evsdr.Settings(preset=preset, gloss="off", shadows="off", limit_deg=1e-9)
+    for anew in (False, True):
+        monkeypatch.setattr(sharing.Sketcher, "look", lambda *given: look(*given)._replace(anew=anew))
+        asked.clear()
+        evsdr.fit(*given, settings)
+        whole = asked[0][1]
+        assert asked.count((first, whole, True)) == 1 + anew
