@@ -9,7 +9,7 @@ from evsdr.effects.world import TRIAL_RAYS, Fitted, World
 
 UNASKED = (
     "how far the surface is from the LEDs was taken from the rectangle that stands for it, and errors may be larger than sigmas "
-    "say: the preset balanced asks the events."
+    "say: the events did not tell it; measure it, and put the rectangle there."
 )
 # Measured (experiments.near_leds by `fast`): a blob 0.370 +- 0.015 for 0.542, 2.8 degrees, a sphere 0.724 +- 0.012 for 0.698, 0.45
 ASKED_EARLY = (
