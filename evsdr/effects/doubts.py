@@ -24,6 +24,8 @@ NOISY = 0.12  # scatter of most pixels' residuals from which the set-up is in do
 KNOWN_NOISY = (
     0.075  # the same of thresholds that are taken as told; told half or double they leave 0.09 and more
 )
+# The same from which LEDs may fade otherwise than told; measured, a sphere under slots of 20 ms: a crossfade of 0.8 told as 1 leaves 0.098
+FADING = 0.08
 SUSPICIOUS = 1.4  # residual of an LED, relative to that of most, from which its light is in doubt
 N_WORST, N_MATE = 6, 4  # LEDs in doubt at most: by their own residuals, and as of the band of the worst
 # Measured: surfaces have a share of curl of 0.02 to 0.09, a ring turned by one LED of 24 0.09 to 0.2; but no turn lessens that
@@ -81,6 +83,11 @@ class Doubts:
         return self.noise > (KNOWN_NOISY if self.known else NOISY)
 
     @property
+    def fading(self) -> bool:
+        """Whether LEDs may fade otherwise than told."""
+        return self.noise > FADING
+
+    @property
     def bright(self) -> bool:
         """Whether reflectances are above what any surface has, though events are explained."""
         return self.reflectance > BRIGHT and self.noise < NOISY
@@ -88,7 +95,7 @@ class Doubts:
     @property
     def any(self) -> bool:
         """Whether anything speaks."""
-        return self.events or self.thresholds or self.curl or self.shape or self.dark or self.bright
+        return any((self.events, self.thresholds, self.fading, self.curl, self.shape, self.dark, self.bright))
 
 
 def doubts_of(world: "World", fitted: "Fitted") -> Doubts:

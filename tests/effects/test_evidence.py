@@ -50,7 +50,7 @@ def test_a_hypothesis_that_leaves_hardly_any_events_explains_none(n, convicts):
 
 @pytest.mark.parametrize(
     ("n_unknown", "n_round", "convicts"),
-    [(7, 3, True), (7, 4, False), (8, 1, False), (12, 1, False), (3, 8, True)],
+    [(7, 5, True), (7, 6, False), (8, 1, False), (12, 1, False), (3, 8, True)],
 )
 def test_what_explains_hardly_more_events_than_there_are_unknowns_convicts_no_one(
     n_unknown, n_round, convicts

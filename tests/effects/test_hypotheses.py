@@ -5,7 +5,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from evsdr.effects.hypotheses import clocks, faults, images, orders, polarities, thresholds, too_bright, veils
+from evsdr.effects.hypotheses import (
+    clocks,
+    fades,
+    faults,
+    images,
+    orders,
+    polarities,
+    thresholds,
+    too_bright,
+    veils,
+)
 from evsdr.records import Events, Recording, Schedule, Sensor
 from tests.support.small_scene import camera, leds, scene
 from tests.support.worlds import load
@@ -99,14 +109,28 @@ def test_times_and_slots():
     found = {h.what: h.mend(world()).recording for h in clocks(world().recording)}
     assert found["slots last 10 times what is told"].schedule.slot_us == 1e5
     assert found["slots last 0.1 times what is told"].schedule.slot_us == 1e3
-    assert found["the LEDs switch without fading"].schedule.crossfade == 0
     ms = found["times are in ms"]
     assert ms.events.t.tolist() == [0, 1e6, 2e6, 3e6] and ms.round_start_us.tolist() == [0, 5e7]
     assert ms.schedule.start_us == 7000 and found["times are in ns"].round_start_us.tolist() == [0, 50]
-    fading = named(clocks(world(crossfade=0.2).recording), "fade into each other")
-    assert fading.mend(world()).recording.schedule.crossfade == 1
     told = named(clocks(world().recording), "in ns").mend(replace(world(), hot=np.ones((5, 5), bool)))
     assert told.hot is None
+
+
+@pytest.mark.parametrize("told", [0.0, 0.2, 0.84, 1.0])
+def test_fades(told):
+    """All but what is told, and such beside it; each with those between its neighbours."""
+    found = list(fades(told))
+    values = [h.mend(world()).recording.schedule.crossfade for h in found]
+    assert values == sorted(set(values)) and min(values) >= 0 and max(values) <= 1
+    assert min(abs(value - told) for value in values) >= 0.01
+    assert told in (0.0, 1.0) or {0.0, 1.0} < set(values)
+    assert min(abs(np.log(max(value, 1e-9) / max(told, 1e-3))) for value in values) < 0.2 or told == 0
+    for h, value in zip(found, values):
+        assert h.finer.low <= value <= h.finer.high and h.finer.low < h.finer.high
+        assert h.finer.of(value).what == h.what and f"crossfade = {value:.3g}" in h.remedy
+    words = {h.what for h in fades(0.5)}
+    assert {"the LEDs switch without fading", "the LEDs fade into each other"} < words
+    assert "the LEDs fade within 0.25 of a slot" in words
 
 
 def test_sensors():

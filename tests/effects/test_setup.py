@@ -162,6 +162,18 @@ def test_no_alarm_where_all_is_told_right(name, crossfade):
     assert find_error(*fitted_alone(ring, recorded(name, crossfade)[0])) is None
 
 
+@pytest.mark.parametrize("told", [0.0, 0.4, 1.0])
+def test_how_leds_fade_is_found_between_what_is_tried(told):
+    """And mended by `--repair`; where it is told right nothing is."""
+    recording = recorded("sphere", 0.3)[0]
+    world, fitted = fitted_alone(scene_of(), scheduled(crossfade=lambda c: told)(recording))
+    found = find_error(world, fitted)
+    assert found.hypothesis.what.startswith("the LEDs fade within ") and not found.others
+    mended = found.hypothesis.mend(world).recording.schedule.crossfade
+    assert mended == pytest.approx(0.3, abs=0.015) and f"crossfade = {mended:.3g}" in found.hypothesis.remedy
+    assert find_error(*fitted_alone(scene_of(), recording)) is None
+
+
 def test_few_pixels_convict_nobody():
     world, fitted = fitted_alone(scene_of(), flipped(recorded()[0]))
     few = np.zeros((SIZE, SIZE), bool)
