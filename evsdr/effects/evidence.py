@@ -22,11 +22,12 @@ if TYPE_CHECKING:
 # the events 0.12 at most), and what means nothing
 GAIN, SLIP = 0.25, 0.02
 # Event pairs for each unknown of a pixel from which small residuals convict: of fewer any model leaves little. Guessed; measured: 1.2 (a grey relief
-# under LEDs at 25 degrees, `experiments.draws` 1069) took LEDs that fade for such that switch; recordings of experiments/setup_errors have 7 to 10
+# under LEDs at 25 degrees, `experiments.draws` 1069) took LEDs that fade for such that switch; a sphere before an EVK4 with one threshold has 4
 ROOM = 2.0
-# The same of each round: those of others come at much the same light. Guessed; measured: 0.3 (a grey sculpture, 30 pairs in 8 rounds, draw 1081), where again
-# hard switches leave half of what fading ones do; a sphere before an EVK4 with one threshold has 0.66
-ROUND_ROOM = 0.45
+# Share of the event pairs that end while no light changes under a hypothesis, from which their small residuals convict no one, unless it is as large as told:
+# when they come then means nothing, and few levels of light explain whatever they say. Measured under right hypotheses: 0 to 0.44; under LEDs that are
+# taken to switch, or fade within a tenth of a slot where they do within a third: 0.66 to 1 (`experiments.draws`, 17, 1069, 1081)
+STILL = 0.5
 LOST = 0.15  # share of the events that stay unexplained; measured: 0.03 under right hypotheses, 0.27 under hard switches
 SHAPE_DEG = 5.0  # by which normals of a known shape may be off; guessed
 # Of log likelihood of a pixel's normal, and the part of the contradiction that may remain; guessed
@@ -89,7 +90,6 @@ class Judge:
         self.maps, self.doubts, self.shape = fitted.maps, doubts, known_shape(world)
         self.camera, _ = camera_geometry(world.ring.sensor)
         self.n_unknown = fitted.solution.theta.shape[1] + (0 if told.gain is None else 2)
-        self.n_round = len(world.recording.round_start_us) - 1  # the last one ends; below 1 where none is told
         self.told = Score(told, shape_deg=self._angle(told)[0], curl_share=doubts.bends.curl())
 
     def score(self, hypothesis: Hypothesis, trial: Trial) -> Score:
@@ -125,10 +125,10 @@ class Judge:
         normal[..., :2] = normal[..., :2] @ turn.T
         return replace(self.maps, normal=normal)
 
-    def _has_room(self, trial: Trial) -> bool:
-        """Tell whether a trial has more event pairs than whatever is tried explains."""
-        room = max(ROOM, ROUND_ROOM * self.n_round)
-        return len(trial.residual) > room * self.n_unknown * len(trial.place)
+    def _is_tested(self, trial: Trial) -> bool:
+        """Tell whether a trial has more event pairs than whatever is tried explains, and when they come speaks for or against it."""
+        many = len(trial.residual) > ROOM * self.n_unknown * len(trial.place)
+        return many and trial.still <= max(STILL, self.told.trial.still)
 
     def convicts(self, score: Score) -> str:
         """Give the evidence if it leaves no doubt; else nothing."""
@@ -142,7 +142,7 @@ class Judge:
                 return ""
             on, off = np.median(gain, axis=0)
             less = f"events say {on:.2g} times C_on and {off:.2g} times C_off; {less}"
-        if score.events > GAIN and score.lost < LOST and self._has_room(score.trial):
+        if score.events > GAIN and score.lost < LOST and self._is_tested(score.trial):
             return less
         if score.events < -SLIP:
             return ""

@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from evsdr.effects.doubts import NOISY, Doubts, doubts_of
 from evsdr.effects.effect import Decision
-from evsdr.effects.evidence import SLIP, Judge
+from evsdr.effects.evidence import Judge
 from evsdr.effects.hollow import DOUBT, FEWEST, N_SHADED, OPEN, shadow_cost, told_by_shadows
 from evsdr.effects.hypotheses import (
     Finding,
@@ -37,6 +37,7 @@ SHADED = 1e-3  # cost of an event pair that tells shadows; measured: 0.002 to 0.
 # Hypotheses that are tried once more, each by itself, and at most if they explain as much
 N_RUN_OFF, N_TIED = 3, 6
 FINE, DIGITS = 0.02, 3  # to which part of itself a number is sought, and its decimals
+BETTER = 0.05  # of log likelihood of an event pair, by which it must be better than the number that was tried first; guessed
 TIE = 0.5  # of log likelihood of a pixel: hypotheses as near to the best explain as much
 
 
@@ -107,7 +108,7 @@ def finest(
     minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": FINE * bounds[1]})
     best = min(tried, key=lambda h: tried[h].cost if tried[h] else np.inf)
     why = judge.convicts(judge.score(best, tried[best])) if tried[best] else ""
-    return (best, why) if why and tried[best].cost < trial.cost - SLIP else (first, "")
+    return (best, why) if why and tried[best].cost < trial.cost - BETTER else (first, "")
 
 
 def leaders(totals: dict[Hypothesis, float]) -> list[Hypothesis]:

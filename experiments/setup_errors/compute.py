@@ -46,6 +46,8 @@ class Wrong:
         As the scene tells it to the fit.
     known : bool
         Whether the fit takes thresholds as told.
+    crossfade : float
+        As it was recorded; told as 1 unless `change` tells another.
     """
 
     what: str
@@ -53,6 +55,7 @@ class Wrong:
     change: Callable[[Recording], Recording] = lambda recording: recording
     constant_light: str = "0.05"
     known: bool = False
+    crossfade: float = 1.0
 
 
 def moved(recording: Recording, move: Callable) -> Recording:
@@ -117,6 +120,9 @@ WRONG = (
     Wrong("two LEDs swapped", "LEDs 3 and 10", partial(reordered, change=swapped)),
     Wrong("polarities flipped", "polarities", flipped),
     Wrong("crossfade told 0 for 1", "fade into", partial(scheduled, crossfade=0.0)),
+    Wrong("crossfade told 0 for 0.1", "fade within 0.", partial(scheduled, crossfade=0.0), crossfade=0.1),
+    Wrong("crossfade told 1 for 0.3", "fade within 0.", crossfade=0.3),
+    Wrong("crossfade told 1 for 0.8", "fade within 0.", crossfade=0.8),
     Wrong("slots told 10 times too long", "slots last 0.1", partial(scheduled, slots=10.0)),
     Wrong("slots told 10 times too short", "slots last 10", partial(scheduled, slots=0.1)),
     Wrong("times in ns", "in ns", partial(in_unit, us=1e-3)),
@@ -184,7 +190,8 @@ def told_right(names: tuple[str, str], size: int, seed: int, known: bool, preset
 
 def run(wrong: Wrong, names: tuple[str, str], size: int, seed: int, preset: str) -> Row:
     """Tell one error, and fit as told and with `repair`."""
-    recording, _, truth = recorded(names[0], size, seed)
+    recording, _, truth = recorded(names[0], size, seed, wrong.crossfade)
+    recording = scheduled(recording)
     thresholds = "known" if wrong.known else "auto"
     given = names[1], wrong.change(recording), truth, size, wrong.constant_light
     before, verdict = fitted(*given, thresholds=thresholds, preset=preset)

@@ -39,7 +39,7 @@ def test_half_of_a_curl_that_is_most_of_the_bends_convicts_no_one(left, convicts
 def test_a_hypothesis_that_leaves_hardly_any_events_explains_none(n, convicts):
     """As times in ns do, of which a round is longer than all of the recording."""
     judge, bends = object.__new__(Judge), SimpleNamespace(curl=lambda *_: 0.1)
-    judge.shape, judge.n_unknown, judge.n_round = None, 7, 1
+    judge.shape, judge.n_unknown = None, 7
     judge.doubts = SimpleNamespace(bends=bends, shape=False, curl=False)
     normal = np.tile([0.0, 0.0, 1.0], (4, 1)) + np.random.default_rng(0).normal(size=(4, 3))
     judge.told = Score(Trial(0.0, 0.5, np.ones(64), np.arange(4), normal, None), curl_share=0.1)
@@ -49,19 +49,21 @@ def test_a_hypothesis_that_leaves_hardly_any_events_explains_none(n, convicts):
 
 
 @pytest.mark.parametrize(
-    ("n_unknown", "n_round", "convicts"),
-    [(7, 5, True), (7, 6, False), (8, 1, False), (12, 1, False), (3, 8, True)],
+    ("still", "told", "convicts"), [(0.4, 0.0, True), (0.6, 0.0, False), (1.0, 0.3, False), (1.0, 1.0, True)]
 )
-def test_what_explains_hardly_more_events_than_there_are_unknowns_convicts_no_one(
-    n_unknown, n_round, convicts
-):
-    """Of all rounds, and of each: more rounds of the same light tell no more of what it is."""
+def test_events_that_come_while_no_light_changes_convict_no_one(still, told, convicts):
+    """Few levels of light explain whatever they say; but where LEDs switch as told all do."""
     judge, normal = object.__new__(Judge), np.tile([0.0, 0.0, 1.0], (4, 1))
-    judge.doubts, judge.n_unknown, judge.n_round = (
-        SimpleNamespace(shape=False, curl=False),
-        n_unknown,
-        n_round,
-    )
+    judge.doubts, judge.n_unknown = SimpleNamespace(shape=False, curl=False), 3
+    judge.told = Score(Trial(0.0, 0.08, np.ones(64), np.arange(4), normal, None, told))
+    trial = Trial(-1.0, 0.02, np.zeros(64), np.arange(4), normal, None, still)
+    assert bool(judge.convicts(Score(trial, 1.0))) == convicts
+
+
+@pytest.mark.parametrize(("n_unknown", "convicts"), [(7, True), (8, False), (12, False)])
+def test_what_explains_hardly_more_events_than_there_are_unknowns_convicts_no_one(n_unknown, convicts):
+    judge, normal = object.__new__(Judge), np.tile([0.0, 0.0, 1.0], (4, 1))
+    judge.doubts, judge.n_unknown = SimpleNamespace(shape=False, curl=False), n_unknown
     judge.told = Score(Trial(0.0, 0.08, np.ones(64), np.arange(4), normal, None))
     trial = Trial(-1.0, 0.02, np.zeros(64), np.arange(4), normal, None)
     assert bool(judge.convicts(Score(trial, 1.0))) == convicts
