@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 # Of log likelihood of an event pair: what convicts, measured (right hypotheses gain 0.4 and more, wrong ones that explain
 # the events 0.12 at most), and what means nothing
 GAIN, SLIP = 0.25, 0.02
+# The same of how LEDs fade, for which a lag passes, too. Measured on spheres and blobs: 0.29 at most where it is told right and photoreceptors lag by a slot; where
+# it is told wrong 0.49 and more in slots of 20 ms, 0.35 in slots of 3 ms
+FADE_GAIN = 0.45
 # Event pairs for each unknown of a pixel from which small residuals convict: of fewer any model leaves little. Guessed; measured: 1.2 (a grey relief
 # under LEDs at 25 degrees, `experiments.draws` 1069) took LEDs that fade for such that switch; a sphere before an EVK4 with one threshold has 4
 ROOM = 2.0
@@ -60,6 +63,8 @@ class Score:
         See `Bends.curl`; that as told where it is not known.
     missing : float
         Share of the event pairs as told that are none under it, as with times that leave no room for them.
+    needed : float
+        Of `events`, to convict.
     """
 
     trial: Trial
@@ -69,6 +74,7 @@ class Score:
     shape_deg: float = 0.0
     curl_share: float = 0.0
     missing: float = 0.0
+    needed: float = GAIN
 
     @property
     def lost(self) -> float:
@@ -99,7 +105,8 @@ class Judge:
         angle, shape = self._angle(trial)
         shape -= self._angle(told.trial)[1]
         missing = max(1 - len(trial.residual) / len(told.trial.residual), 0.0)
-        return Score(trial, told.trial.cost - trial.cost, shape, float(curl), angle, share, missing)
+        needed = FADE_GAIN if hypothesis.finer else GAIN
+        return Score(trial, told.trial.cost - trial.cost, shape, float(curl), angle, share, missing, needed)
 
     def _angle(self, trial: Trial) -> tuple[float, float]:
         """Give the median angle to a known shape [deg], and the log likelihood of a pixel's."""
@@ -142,7 +149,7 @@ class Judge:
                 return ""
             on, off = np.median(gain, axis=0)
             less = f"events say {on:.2g} times C_on and {off:.2g} times C_off; {less}"
-        if score.events > GAIN and score.lost < LOST and self._is_tested(score.trial):
+        if score.events > score.needed and score.lost < LOST and self._is_tested(score.trial):
             return less
         if score.events < -SLIP:
             return ""
