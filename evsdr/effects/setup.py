@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 SHADED = 1e-3  # cost of an event pair that tells shadows; measured: 0.002 to 0.1
 # Hypotheses that are tried once more, each by itself, and at most if they explain as much
 N_RUN_OFF, N_TIED = 3, 6
-FINE, DIGITS = 0.02, 3  # to which part of itself a number is sought, and its decimals
+FINE, DIGITS = 0.02, 3  # to which part of itself a number is sought, and its decimals; guessed
 BETTER = 0.05  # of log likelihood of an event pair, by which it must be better than the number that was tried first; guessed
 TIE = 0.5  # of log likelihood of a pixel: hypotheses as near to the best explain as much
 

@@ -84,7 +84,7 @@ class Sketcher:
     def _once(self, told: World, teacher: Fitted, first: bool = True) -> Look:
         """Ask these maps only."""
         new, changed = deciding.decide("alone", told, teacher, self.settings, self.progress)
-        found = find_shared(told, teacher)
+        found = find_shared(told, teacher) if changed else None  # nothing is inferred for who stopped
         if not changed or not (first or moves_far(found, told)):
             return Look(told, new, found, teacher, None)
         before = moved_with(found, teacher)

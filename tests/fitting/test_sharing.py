@@ -177,3 +177,11 @@ def test_powers_that_ran_away_are_asked_of_maps_that_were_begun_anew(
     assert not again.found.searched.log_power.any() and again.lag == told.lag
     assert maps.problem is teacher.problem and maps.solution.noise == 0.2
     assert look.next[0].found is look.found and look.next[1].problem is look.before.problem
+
+
+def test_nothing_is_inferred_for_who_stopped(monkeypatch):
+    monkeypatch.setattr(deciding, "decide", lambda when, world, *_: (world, False))
+    monkeypatch.setattr(sharing, "find_shared", lambda *_: pytest.fail("inferred"))
+    teacher = fit_of(0.3)
+    look = sharing.Sketcher(None, None, silent).look(World(), teacher)
+    assert look.after is None and look.before is teacher and look.noise == np.inf
