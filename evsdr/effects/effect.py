@@ -28,6 +28,8 @@ class Decision:
         What the user should look into if it is modelled.
     doubt : str
         What they should look into though it is not.
+    taken_back : bool
+        Whether it was modelled and is no more: a fit goes back to what it believed before.
     """
 
     effect: str
@@ -38,6 +40,7 @@ class Decision:
     answer: object = None
     warning: str = ""
     doubt: str = ""
+    taken_back: bool = False
 
 
 class Effect(Protocol):

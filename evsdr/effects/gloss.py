@@ -73,11 +73,14 @@ def find_gloss(
     free = solution.threshold_gain is not None
     theta, spread = (solution.theta, None) if before else (solution.all_theta, solution.threshold_prior)
     gloss = fit_gloss(known, theta, solution.noise, kind, label, spread, free)
+    if asked == "auto" and not gloss.strength.any():
+        why = f"not modelled: where lobes that {'were found' if before else 'may be there'} show most, the events have none"
+        return Decision(NAME, False, why, error, taken_back=before is not None)
     if before and free:
         gloss = replace(gloss, log_threshold=gloss.log_threshold + np.array(solution.threshold_prior[:2]))
     lobes = ", ".join(f"{shape} {a:.2g} strength {s:.2g}" for a, s in zip(gloss.shape, gloss.strength) if s)
     share = np.mean(gloss.strength[gloss.label] > 0)
-    lobes = lobes if share == 1 or not lobes else f"{lobes}, on {share:.0%} of the pixels"
+    lobes = f"{lobes or 'of no strength'}" if share in (0, 1) else f"{lobes}, on {share:.0%} of the pixels"
     why = f"left out it would cost {error:.2g} deg" if asked == "auto" else f"asked for by --gloss {asked}"
     found = {shape: gloss.shape.tolist(), "strength": gloss.strength.tolist(), "share": float(share)}
     return Decision(NAME, True, f"{words.format(lobes)}: {why}", error, found, gloss)

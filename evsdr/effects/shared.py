@@ -168,7 +168,7 @@ def _without_bias(
     found: Inferred, names: tuple[str, ...], asked: "_Asked", world: "World"
 ) -> tuple[Inferred, np.ndarray | None]:
     """Take off what the search is off by of its own, and give that, where it is looked for; see `own_bias`."""
-    if not world.terms.thorough or world.metal is not None or found.rig.dark:
+    if not world.terms.thorough or world.metal is not None or found.rig.dark or found.in_vain:
         return found, None
     known = world.found.off if world.found and world.found.names == names else None
     off = own_bias(found, asked.pixels, world.recording, asked.told, names) if known is None else known
@@ -266,7 +266,7 @@ def _lag_or_none(asked: _Asked, world: "World") -> tuple[Inferred, tuple[str, ..
 def _with_dark(asked: _Asked, names: tuple[str, ...], world: "World") -> tuple[Inferred, tuple[str, ...]]:
     """Search, and once more with a dark current where events want one; gives also what was unknown."""
     found = asked.search(names)
-    if "dark" in names or found.wanted["dark"] <= CLEAR or not _lags(found, world):
+    if "dark" in names or found.in_vain or found.wanted["dark"] <= CLEAR or not _lags(found, world):
         return found, names
     names = (*names, "dark")
     return asked.search(names, _from(found)), names

@@ -93,21 +93,36 @@ def believe(world: World, settings: Settings, stages: Seconds) -> tuple[World, F
         fitted = follow(world, fitted, solve, advance)
     matt = fitted
     with stages.stage("residuals") as advance:
-        for turn in range(MOST_MODELS):
-            world, changed = deciding.decide("settled", world, fitted, settings, advance)
-            before = fitted
-            if changed:
-                fitted = solve(world.problem(fitted), fitted, "model", advance)
-            if turn and turned_deg(before, fitted) < max(
-                FAR * world.terms.limit_deg, UNSEEN * open_deg(fitted)
-            ):
-                break
-            if changed and (thorough or world.gloss):  # which passes for other thresholds and times
-                world, fitted, changed = sharing.share_anew(told, world, fitted, settings, advance)
-                if changed:
-                    fitted = solve(world.problem(fitted), fitted, "again", advance)
-                    fitted = follow(world, fitted, solve, advance)
+        world, fitted = model_residuals(told, world, fitted, settings, solve, advance)
     return world, fitted, matt, solve, notes
+
+
+def model_residuals(
+    told: World, world: World, fitted: Fitted, settings: Settings, solve: Decoder, progress: Progress
+) -> tuple[World, Fitted]:
+    """Model what the residuals of maps show of the surface, and refine it in those of the maps that it gives.
+
+    `told` is what was believed before pixels were asked what they share. Where what was found is not there once it is modelled, all is
+    as it was before.
+    """
+    plain, matt = world, fitted
+    for turn in range(MOST_MODELS):
+        before = fitted
+        world, changed = deciding.decide("settled", world, fitted, settings, progress)
+        if taken_back := {d.effect: d for d in world.decisions.values() if d.taken_back}:
+            taken_back = {name: replace(d, taken_back=False) for name, d in taken_back.items()}
+            world, fitted = replace(plain, decisions=plain.decisions | taken_back), matt
+            continue
+        if changed:
+            fitted = solve(world.problem(fitted), fitted, "model", progress)
+        if turn and turned_deg(before, fitted) < max(FAR * world.terms.limit_deg, UNSEEN * open_deg(fitted)):
+            break
+        if changed and (world.terms.thorough or world.gloss):  # which passes for other thresholds and times
+            world, fitted, changed = sharing.share_anew(told, world, fitted, settings, progress)
+            if changed:
+                fitted = solve(world.problem(fitted), fitted, "again", progress)
+                fitted = follow(world, fitted, solve, progress)
+    return world, fitted
 
 
 def fit_recording(

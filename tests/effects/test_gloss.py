@@ -46,6 +46,20 @@ def test_a_coating_is_found_and_mends_the_normals(coated):
     assert refined.found["alpha"] == pytest.approx(decision.found["alpha"], rel=0.2)
 
 
+@pytest.mark.parametrize("before", [False, True])
+def test_lobes_of_no_strength_are_none(coated, monkeypatch, before):
+    """They were told by all pixels, or by a matt fit. A fit that had them goes back to what it believed before."""
+    problem, _, matt = coated
+    found = find_gloss("auto", problem, matt, 0.05)
+    none = replace(found.answer, strength=np.zeros_like(found.answer.strength))
+    monkeypatch.setattr(gloss, "fit_gloss", lambda *_: none)
+    decision = find_gloss("auto", problem, matt, 0.05, found if before else None)
+    assert not decision.modelled and decision.taken_back == before
+    assert decision.why.startswith("not modelled") and decision.answer is None
+    asked_for = find_gloss("lobe", problem, matt, 0.05, found if before else None)
+    assert asked_for.modelled and "of no strength: asked for" in asked_for.why and not asked_for.taken_back
+
+
 @pytest.mark.parametrize(
     "z, n_pixel, asked",
     [

@@ -246,6 +246,27 @@ def test_noise_that_took_all_scatter_is_left_out_if_that_is_far_less_of_a_surpri
     assert expected == "noisy" or asked == [first.names]
 
 
+@pytest.mark.parametrize(("scatter", "n_search"), [(0.1, 2), (0.6, 1)])
+def test_where_a_search_was_in_vain_nothing_more_is_sought(scatter, n_search, monkeypatch):
+    """No dark current, though events want one, and no bias of the search's own."""
+    asked, biased = [], []
+
+    def infer(pixels, start, rig, told, names, *rest):
+        asked.append(names)
+        of = replace(found(tau=0.3).inferred, scatter=scatter, theta=start.theta)
+        of = replace(of, sigma=replace(of.sigma, tau=0.01), wanted=dict.fromkeys(NAMES, 9.0))
+        return replace(of, turn_deg=dict.fromkeys(GROUPS, 1.0))
+
+    monkeypatch.setattr(shared, "infer", infer)
+    monkeypatch.setattr(
+        shared, "own_bias", lambda found, pixels, recording, told, names: biased.append(names)
+    )
+    monkeypatch.setattr(shared, "corrected", lambda found, *_: found)
+    find_shared(*given(Case.sphere(size=18, thresholds=True, event_noise=0.1, cutoff_hz=3000.0)))
+    assert len(asked) == n_search and bool(biased) == (scatter == 0.1)
+    assert ("dark" in asked[-1]) == (n_search == 2)
+
+
 @pytest.mark.parametrize("tau, asked, expected", [(0.0, True, 0.02), (0.3, True, 0.3), (0.0, False, 0.0)])
 def test_a_search_for_a_lag_begins_with_one_though_none_was_found(tau, asked, expected):
     """At a usual one, or at that which was found."""

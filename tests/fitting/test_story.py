@@ -12,6 +12,7 @@ from evsdr.effects.leds import LedPowers
 from evsdr.effects.world import Fitted
 from evsdr.fitting import deciding, sharing, story, tiling
 from evsdr.fitting.decoder import Decoder
+from evsdr.fitting.model_error import with_model_error
 from evsdr.fitting.tiles import within
 from evsdr.light.scene import RingScene
 from evsdr.progress import Seconds
@@ -80,6 +81,34 @@ def test_surfaces_are_asked_for_until_normals_stand_still(given, monkeypatch, tu
     monkeypatch.setattr(story, "open_deg", lambda _: sigma)
     evsdr.fit(*given, replace(FAST, gloss="lobe"))
     assert times.count("settled") == asked
+
+
+def test_what_is_taken_back_leaves_all_as_it_was(given, monkeypatch):
+    """Lobes, what pixels share under them, and what was found beside them; nothing is asked of that fit any more."""
+    ring, recording = given
+    decide, begun, told = deciding.decide, [], []
+
+    def decided(when, world, fitted, *rest):
+        new, changed = decide(when, world, fitted, *rest)
+        if when == "settled":
+            begun.append((world, fitted))
+            if len(begun) == 2:
+                none = replace(new.decisions["gloss"], modelled=False, taken_back=True)
+                new = replace(new, decisions=new.decisions | {"gloss": none}, rough=0.1)
+        return new, changed
+
+    monkeypatch.setattr(deciding, "decide", decided)
+    monkeypatch.setattr(story, "turned_deg", lambda *_: float(len(begun) < 3))
+    monkeypatch.setattr(
+        story, "with_model_error", lambda world, *rest: told.append(world) or with_model_error(world, *rest)
+    )
+    found = evsdr.fit(ring, recording, replace(FAST, gloss="lobe"))
+    (plain, matt), (lobed, glossy), (after, again) = begun[:3]
+    assert lobed.gloss is not None and glossy is not matt
+    assert after.gloss is None and after.rough is None and again is matt
+    assert after.decisions.keys() == plain.decisions.keys() | {"gloss"}
+    assert not after.decisions["gloss"].taken_back and not found.decisions["gloss"].modelled
+    assert len(begun) == 3 and told[0].gloss is None
 
 
 def test_what_pixels_share_is_inferred_anew_once_hidden_leds_are_known(given, monkeypatch):

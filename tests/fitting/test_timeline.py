@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from evsdr.fitting.entrance import SOLVE
 from evsdr.fitting.deciding import EFFECTS
+from evsdr.fitting.entrance import SOLVE
 from evsdr.fitting.timeline import FIT, plan_of
 from tests.conftest import REPOSITORY
 

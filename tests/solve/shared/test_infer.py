@@ -145,6 +145,15 @@ def test_a_search_that_no_step_helps_ends(wrong, monkeypatch):
     assert found.n_step <= 4 * search.N_STEP
 
 
+def test_a_search_in_vain_ends_early(wrong, monkeypatch):
+    """Events and model contradict each other whatever pixels share; a scatter that falls is given time."""
+    assert not wrong.infer(("powers",)).in_vain
+    monkeypatch.setattr(search, "SETTLED", 0.0)
+    monkeypatch.setattr(search, "MISFIT", 0.0)
+    found = wrong.infer(("powers",))
+    assert found.in_vain and found.n_step == search.IN_VAIN * search.N_STEP
+
+
 def test_a_lag_is_found():
     cutoff_hz = 3000.0
     case = Case.sphere(cutoff_hz=cutoff_hz, **QUIET)
