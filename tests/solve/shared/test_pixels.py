@@ -47,6 +47,18 @@ def test_pixels_that_tell_are_chosen(case):
     assert len(set(some)) == 10 and set(some) <= set(row) and (np.diff(some) > 0).all()
 
 
+def test_fewer_pixels_tell_where_each_has_many_events(case, monkeypatch):
+    """But some, however many they have; those are among the others."""
+    count = case.problem.pairs.counts
+    row, total = choose(case.problem, case.solution, 30), count[count >= FEWEST_EVENTS].sum()
+    monkeypatch.setattr("evsdr.solve.shared.pixels.FEWEST", 4)
+    for most, fewest, whole in ((0.25 * total, 5, False), (1, 4, True), (total, 30, True)):
+        monkeypatch.setattr("evsdr.solve.shared.pixels.MOST_EVENTS", most)
+        some = choose(case.problem, case.solution, 30)
+        assert set(some) <= set(row) and (np.diff(some) > 0).all()
+        assert len(some) == fewest if whole else fewest <= len(some) < 30 and count[some].sum() <= most
+
+
 def test_pixels_that_tell_lie_off_the_rim_of_where_events_end(case):
     """A mask may hold silent background; a silent spot within the object is no rim; a thin object has what it has."""
     mask, pairs = case.problem.grid.mask, case.problem.pairs
