@@ -144,7 +144,7 @@ def numbers(world: "World", doubts: Doubts) -> Iterator[Hypothesis]:
         yield from clocks(world.recording)
         yield from polarities()
     if doubts.fading:
-        yield from fades(world.recording.schedule.crossfade)
+        yield from fades(world.recording)
     if doubts.thresholds:
         yield from thresholds(world)
     yield from veils(world)

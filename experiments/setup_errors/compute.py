@@ -121,6 +121,7 @@ WRONG = (
     Wrong("polarities flipped", "polarities", flipped),
     Wrong("crossfade told 0 for 1", "fade into", partial(scheduled, crossfade=0.0)),
     Wrong("crossfade told 0 for 0.1", "fade within 0.", partial(scheduled, crossfade=0.0), crossfade=0.1),
+    Wrong("crossfade told 1 for 0", "switch without", crossfade=0.0),
     Wrong("crossfade told 1 for 0.3", "fade within 0.", crossfade=0.3),
     Wrong("crossfade told 1 for 0.8", "fade within 0.", crossfade=0.8),
     Wrong("slots told 10 times too long", "slots last 0.1", partial(scheduled, slots=10.0)),

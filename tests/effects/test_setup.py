@@ -175,6 +175,21 @@ def test_how_leds_fade_is_found_between_what_is_tried(told):
     assert find_error(*fitted_alone(scene_of(), recording)) is None
 
 
+@pytest.mark.parametrize("slot_us", [20_000.0, 3000.0])
+def test_leds_that_switch_and_are_told_to_fade_are_found_by_when_events_come(slot_us):
+    """A quarter of the events stays unexplained by light without a lag."""
+    schedule = Schedule(np.arange(24, dtype=np.int32), slot_us, 0.0)
+    recording, _ = simulate(scene_of(), EventPixel(), schedule, 6, 3, "nominal")
+    world, fitted = fitted_alone(scene_of(), scheduled(crossfade=lambda c: 1.0)(recording))
+    found = find_error(world, fitted)
+    assert found.hypothesis.what == "the LEDs switch without fading" and not found.others
+    assert (
+        "of the events come in the first half of a slot, though light changes in both as told"
+        in found.evidence
+    )
+    assert found.hypothesis.mend(world).recording.schedule.crossfade == 0
+
+
 def test_photoreceptors_that_lag_by_a_slot_are_no_other_fade():
     """Of slots of 1 ms, in which LEDs fade within a third, another fade explains some of the lag."""
     schedule = Schedule(np.arange(24, dtype=np.int32), 1000.0, 0.3)
