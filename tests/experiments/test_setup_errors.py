@@ -46,8 +46,8 @@ def test_all_else():
     assert changed("times in ms").round_start_us.tolist() == [0, 120]
     assert changed("refractory period 10 times").sensor.refractory_us == 500
     assert changed("thresholds half, known").sensor.contrast_threshold_off == pytest.approx(0.15)
-    assert len({wrong.what for wrong in WRONG}) == len(WRONG) == 24
+    assert len({wrong.what for wrong in WRONG}) == len(WRONG) == 25
     recorded = {wrong.what: wrong.crossfade for wrong in WRONG if wrong.crossfade != 1}
     assert recorded == {
-        f"crossfade told {told} for {true}": true for told, true in ((0, 0.1), (1, 0.3), (1, 0.8))
+        f"crossfade told {told} for {true}": true for told, true in ((0, 0.1), (1, 0), (1, 0.3), (1, 0.8))
     }
