@@ -32,7 +32,7 @@ ROOM = 2.0
 # taken to switch, or fade within a tenth of a slot where they do within a third: 0.66 to 1 (`experiments.draws`, 17, 1069, 1081)
 STILL = 0.5
 # Share of the events that stay unexplained; measured: 0.03 under right hypotheses, 0.27 under hard switches, which a lag follows that trials lack: that is
-# allowed where times of events show them
+# allowed where times of events show them, up to the second, which is guessed
 LOST, LOST_BY_LAG = 0.15, 0.4
 SHAPE_DEG = 5.0  # by which normals of a known shape may be off; guessed
 # Of log likelihood of a pixel's normal, and the part of the contradiction that may remain; guessed

@@ -80,7 +80,7 @@ def find_gloss(
         gloss = replace(gloss, log_threshold=gloss.log_threshold + np.array(solution.threshold_prior[:2]))
     lobes = ", ".join(f"{shape} {a:.2g} strength {s:.2g}" for a, s in zip(gloss.shape, gloss.strength) if s)
     share = np.mean(gloss.strength[gloss.label] > 0)
-    lobes = f"{lobes or 'of no strength'}" if share in (0, 1) else f"{lobes}, on {share:.0%} of the pixels"
+    lobes = lobes or "of no strength" if share in (0, 1) else f"{lobes}, on {share:.0%} of the pixels"
     why = f"left out it would cost {error:.2g} deg" if asked == "auto" else f"asked for by --gloss {asked}"
     found = {shape: gloss.shape.tolist(), "strength": gloss.strength.tolist(), "share": float(share)}
     return Decision(NAME, True, f"{words.format(lobes)}: {why}", error, found, gloss)

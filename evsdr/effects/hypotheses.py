@@ -22,9 +22,9 @@ FADES = 0.0, 0.05, 0.075, 0.11, 0.17, 0.25, 0.38, 0.57, 0.8, 1.0
 BESIDE = 0.85, 1.15
 # Share of the events in the first half of the slots from which LEDs switch, and of how many events, at least and about at most. Measured (a sphere, an EVK4, and 26
 # of `experiments.draws`, 0 to 59, all pixels): .93 to 1.0 under LEDs that switch, in slots of 3 ms and more, .33 to .51 under such that fade within all of the slot, .14 to
-# .55 within .3 of it
+# .55 within .3 of it. Guessed between these
 AT_STARTS, FEWEST_TIMED, N_TIMED = 0.9, 100, 1_000_000
-WITHIN = 0.5  # part of a slot in which LEDs fade as told, at least, to look for that: light changes in its second half then
+WITHIN = 0.5  # part of a slot in which LEDs fade as told, at least, to look for that: light changes in its second half then; guessed
 SAME = 0.01  # crossfades that are no nearer than this to each other differ
 UNITS = {"ns": 1e-3, "ms": 1e3}  # us in each
 

@@ -24,8 +24,9 @@ RISEN = 0.01  # mean loss of that from which a step is refused
 SETTLED = (
     0.15  # standard deviations of what is shared, root mean square, by which a step goes when it is the last
 )
-IN_VAIN = 4  # rounds after which a scatter that contradicts the model ends a search; guessed. Measured (`experiments.draws`), after three: .25 at most in 0 to 13, .37 where frames were
-# interpolated (1094), 1.0 to 1.5 where events of whole edges come within a frame (1149), which took 300 s for nothing
+# Rounds after which a scatter that contradicts the model ends a search; guessed. Measured (`experiments.draws`), after four: .25 at most in 0 to 9, .32 where
+# frames were interpolated (1094), .49 in 1132 and 1153, which are contradicted, 1.0 to 1.5 where events of whole edges come within a frame (1149)
+IN_VAIN = 4
 STILL = 0.98  # of the larger of the scatters before and after a last round, the smaller; guessed
 # Standard deviations of noise to which it is known how early that fires events, see `events.lead`; measured under LEDs that are bright
 # and dark in turn: all times are found 100 to 210 us late that are not, where this, by the median slot's light, is 90
