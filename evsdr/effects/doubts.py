@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from evsdr.effects.crossfade import may_switch
 from evsdr.effects.orientation import Bends, bends_of, turn_between
 from evsdr.light.camera import camera_geometry
 from evsdr.light.ground_truth import object_depth, object_normals
@@ -60,6 +61,8 @@ class Doubts:
         Whether no constant light is told.
     known : bool
         Whether thresholds are taken as told.
+    switches : bool
+        Whether times of events are those of LEDs that switch, which are told to fade.
     """
 
     noise: float
@@ -71,6 +74,7 @@ class Doubts:
     reflectance: float
     dark: bool = False
     known: bool = False
+    switches: bool = False
 
     @property
     def events(self) -> bool:
@@ -85,7 +89,7 @@ class Doubts:
     @property
     def fading(self) -> bool:
         """Whether LEDs may fade otherwise than told."""
-        return self.noise > FADING
+        return self.noise > FADING or self.switches
 
     @property
     def bright(self) -> bool:
@@ -119,6 +123,7 @@ def doubts_of(world: "World", fitted: "Fitted") -> Doubts:
         reflectance=float(np.percentile(brightest, 100 - BRIGHT_SHARE)) if len(brightest) else 0.0,
         dark=dark,
         known=not world.thresholds,
+        switches=may_switch(world.recording),
     )
 
 

@@ -21,19 +21,10 @@ if TYPE_CHECKING:
 # Of log likelihood of an event pair: what convicts, measured (right hypotheses gain 0.4 and more, wrong ones that explain
 # the events 0.12 at most), and what means nothing
 GAIN, SLIP = 0.25, 0.02
-# The same of how LEDs fade, for which a lag passes, too. Measured on spheres and blobs: 0.29 at most where it is told right and photoreceptors lag by a slot; where
-# it is told wrong 0.49 and more in slots of 20 ms, 0.35 in slots of 3 ms
-FADE_GAIN = 0.45
 # Event pairs for each unknown of a pixel from which small residuals convict: of fewer any model leaves little. Guessed; measured: 1.2 (a grey relief
 # under LEDs at 25 degrees, `experiments.draws` 1069) took LEDs that fade for such that switch; a sphere before an EVK4 with one threshold has 4
 ROOM = 2.0
-# Share of the event pairs that end while no light changes under a hypothesis, from which their small residuals convict no one, unless it is as large as told:
-# when they come then means nothing, and few levels of light explain whatever they say. Measured under right hypotheses: 0 to 0.44; under LEDs that are
-# taken to switch, or fade within a tenth of a slot where they do within a third: 0.66 to 1 (`experiments.draws`, 17, 1069, 1081)
-STILL = 0.5
-# Share of the events that stay unexplained; measured: 0.03 under right hypotheses, 0.27 under hard switches, which a lag follows that trials lack: that is
-# allowed where times of events show them, up to the second, which is guessed
-LOST, LOST_BY_LAG = 0.15, 0.4
+LOST = 0.15  # share of the events that stay unexplained; measured: 0.03 under right hypotheses, 0.27 under hard switches, which a lag follows that trials lack
 SHAPE_DEG = 5.0  # by which normals of a known shape may be off; guessed
 # Of log likelihood of a pixel's normal, and the part of the contradiction that may remain; guessed
 NORMAL_GAIN, LESS = 1.0, 0.5
@@ -65,10 +56,6 @@ class Score:
         See `Bends.curl`; that as told where it is not known.
     missing : float
         Share of the event pairs as told that are none under it, as with times that leave no room for them.
-    needed : float
-        Of `events`, to convict.
-    shown : str
-        See `Hypothesis`.
     """
 
     trial: Trial
@@ -78,8 +65,6 @@ class Score:
     shape_deg: float = 0.0
     curl_share: float = 0.0
     missing: float = 0.0
-    needed: float = GAIN
-    shown: str = ""
 
     @property
     def lost(self) -> float:
@@ -110,8 +95,7 @@ class Judge:
         angle, shape = self._angle(trial)
         shape -= self._angle(told.trial)[1]
         missing = max(1 - len(trial.residual) / len(told.trial.residual), 0.0)
-        needed, events = FADE_GAIN if hypothesis.finer else GAIN, told.trial.cost - trial.cost
-        return Score(trial, events, shape, float(curl), angle, share, missing, needed, hypothesis.shown)
+        return Score(trial, told.trial.cost - trial.cost, shape, float(curl), angle, share, missing)
 
     def _angle(self, trial: Trial) -> tuple[float, float]:
         """Give the median angle to a known shape [deg], and the log likelihood of a pixel's."""
@@ -138,9 +122,8 @@ class Judge:
         return replace(self.maps, normal=normal)
 
     def _is_tested(self, trial: Trial) -> bool:
-        """Tell whether a trial has more event pairs than whatever is tried explains, and when they come speaks for or against it."""
-        many = len(trial.residual) > ROOM * self.n_unknown * len(trial.place)
-        return many and trial.still <= max(STILL, self.told.trial.still)
+        """Tell whether a trial has more event pairs than whatever is tried explains."""
+        return len(trial.residual) > ROOM * self.n_unknown * len(trial.place)
 
     def convicts(self, score: Score) -> str:
         """Give the evidence if it leaves no doubt; else nothing."""
@@ -154,9 +137,7 @@ class Judge:
                 return ""
             on, off = np.median(gain, axis=0)
             less = f"events say {on:.2g} times C_on and {off:.2g} times C_off; {less}"
-        if score.shown and score.lost < LOST_BY_LAG:
-            return f"{score.shown}; {less}" if score.events > SLIP else score.shown
-        if score.events > score.needed and score.lost < LOST and self._is_tested(score.trial):
+        if score.events > GAIN and score.lost < LOST and self._is_tested(score.trial):
             return less
         if score.events < -SLIP:
             return ""

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from evsdr.events.phase import position
 from evsdr.records import Recording
 
 if TYPE_CHECKING:
@@ -17,15 +16,6 @@ if TYPE_CHECKING:
 FACTOR = 10.0  # by which numbers are told wrong: a slip of the decimal point
 VEIL = 0.1  # of the brightest LED's signal: constant light where its strength does not matter
 HALF_TURN = "the image is turned by 180 degrees"
-# Crossfades that are tried, and such beside what is told: gains peak at the right one and half of them are left 1.4 times beside it (measured, a sphere, slots of 20 ms)
-FADES = 0.0, 0.05, 0.075, 0.11, 0.17, 0.25, 0.38, 0.57, 0.8, 1.0
-BESIDE = 0.85, 1.15
-# Share of the events in the first half of the slots from which LEDs switch, and of how many events, at least and about at most. Measured (a sphere, an EVK4, and 26
-# of `experiments.draws`, 0 to 59, all pixels): .93 to 1.0 under LEDs that switch, in slots of 3 ms and more, .33 to .51 under such that fade within all of the slot, .14 to
-# .55 within .3 of it. Guessed between these
-AT_STARTS, FEWEST_TIMED, N_TIMED = 0.9, 100, 1_000_000
-WITHIN = 0.5  # part of a slot in which LEDs fade as told, at least, to look for that: light changes in its second half then; guessed
-SAME = 0.01  # crossfades that are no nearer than this to each other differ
 UNITS = {"ns": 1e-3, "ms": 1e3}  # us in each
 
 
@@ -45,10 +35,6 @@ class Hypothesis:
         What it does to an image.
     leds : tuple of int
         The LEDs at fault, where it speaks of some only; a fit takes it for true without being asked.
-    finer : Finer, optional
-        Others like it, where it is one of many.
-    shown : str
-        How the times of the events show it, whatever maps are, if they do.
     """
 
     what: str
@@ -56,23 +42,6 @@ class Hypothesis:
     mend: Callable[["World"], "World"]
     move: Callable | None = None
     leds: tuple[int, ...] = ()
-    finer: "Finer | None" = None
-    shown: str = ""
-
-
-@dataclass(frozen=True)
-class Finer:
-    """The hypotheses between two numbers.
-
-    Attributes
-    ----------
-    of : callable (float) -> Hypothesis
-    low, high : float
-    """
-
-    of: Callable[[float], Hypothesis]
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -225,7 +194,7 @@ def clocks(recording: Recording) -> Iterator[Hypothesis]:
         yield Hypothesis(
             f"slots last {factor:g} times what is told",
             f"write slot_us = {slot_us:g} in schedule",
-            _schedule(slot_us=slot_us),
+            mend_schedule(slot_us=slot_us),
         )
     for unit, us in UNITS.items():
         divide = (
@@ -236,41 +205,7 @@ def clocks(recording: Recording) -> Iterator[Hypothesis]:
         yield Hypothesis(f"times are in {unit}", divide, partial(_in_us, us=us))
 
 
-def fades(recording: Recording) -> Iterator[Hypothesis]:
-    """LEDs fade into each other otherwise: within another part of the slot, or not at all."""
-    told, shown = recording.schedule.crossfade, shown_to_switch(recording)
-    values = sorted({*FADES, *(min(told * factor, 1.0) for factor in BESIDE)})
-    for k, value in enumerate(values):
-        if abs(value - told) >= SAME:
-            between = Finer(_fading, values[max(k - 1, 0)], values[min(k + 1, len(values) - 1)])
-            yield replace(_fading(value), finer=between, shown="" if value else shown)
-
-
-def shown_to_switch(recording: Recording) -> str:
-    """Say it if hardly any events come in the second half of slots, in which light changes as told; they follow switches with their lag."""
-    if recording.schedule.crossfade < WITHIN:
-        return ""
-    early = share_at_starts(recording)
-    words = (
-        f"{early:.0%} of the events come in the first half of a slot, though light changes in both as told"
-    )
-    return words if early > AT_STARTS else ""
-
-
-def share_at_starts(recording: Recording) -> float:
-    """Give the share of the events that come in the first half of a slot; none if they are few."""
-    t = recording.events.t[:: max(1, len(recording.events.t) // N_TIMED)]
-    at, inside = position(t, recording.schedule, recording.round_start_us)
-    return float(np.mean(at[inside] % 1 < 0.5)) if np.count_nonzero(inside) >= FEWEST_TIMED else 0.0
-
-
-def _fading(crossfade: float) -> Hypothesis:
-    words = {0.0: "the LEDs switch without fading", 1.0: "the LEDs fade into each other"}
-    what = words.get(crossfade, f"the LEDs fade within {crossfade:.2g} of a slot")
-    return Hypothesis(what, f"write crossfade = {crossfade:.3g} in schedule", _schedule(crossfade=crossfade))
-
-
-def _schedule(**values) -> Callable[["World"], "World"]:
+def mend_schedule(**values) -> Callable[["World"], "World"]:
     """Give what changes the schedule."""
 
     def mend(world):

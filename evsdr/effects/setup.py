@@ -8,9 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-from scipy.optimize import minimize_scalar
-
+from evsdr.effects.crossfade import find_crossfade
 from evsdr.effects.doubts import NOISY, Doubts, doubts_of
 from evsdr.effects.effect import Decision
 from evsdr.effects.evidence import Judge
@@ -19,7 +17,6 @@ from evsdr.effects.hypotheses import (
     Finding,
     Hypothesis,
     clocks,
-    fades,
     faults,
     images,
     orders,
@@ -36,8 +33,6 @@ if TYPE_CHECKING:
 SHADED = 1e-3  # cost of an event pair that tells shadows; measured: 0.002 to 0.1
 # Hypotheses that are tried once more, each by itself, and at most if they explain as much
 N_RUN_OFF, N_TIED = 3, 6
-FINE, DIGITS = 0.02, 3  # to which part of itself a number is sought, and its decimals; guessed
-BETTER = 0.05  # of log likelihood of an event pair, by which it must be better than the number that was tried first; guessed
 TIE = 0.5  # of log likelihood of a pixel: hypotheses as near to the best explain as much
 
 
@@ -49,6 +44,8 @@ def find_error(world: "World", fitted: "Fitted") -> Finding | None:
 def _find(world: "World", fitted: "Fitted") -> Finding | None:
     doubts = doubts_of(world, fitted)
     found = _tried(world, fitted, doubts) if doubts.any else None
+    if found is None and doubts.fading:
+        found = find_crossfade(world, fitted)
     if found is None and (told := told_by_shadows(world, fitted)):
         found = told.finding(world)
     # A first fit leaves out what surfaces send to each other, which may be as bright
@@ -86,29 +83,7 @@ def _tried(world: "World", fitted: "Fitted", doubts: Doubts) -> Finding | None:
     if len(tied) > 1 and not world.ring.shape_is_known:
         tied = by_shadows(world, fitted, judge, {h: scores[h].trial for h in tied})
     first, *others = tied
-    others = tuple(h.what for h in others if not (h.finer and first.finer))
-    best, why = finest(world, fitted, pixel, judge, scores[first].trial, first)
-    return Finding(best, why or evidence[first], others)
-
-
-def finest(
-    world: "World", fitted: "Fitted", pixel: np.ndarray, judge: Judge, trial: Trial, first: Hypothesis
-) -> tuple[Hypothesis, str]:
-    """Give the best of the hypotheses like one, and its evidence; that one, and none, where no other gains anything."""
-    if first.finer is None:
-        return first, ""
-    tried = {}
-
-    def cost(value):
-        hypothesis = first.finer.of(round(float(value), DIGITS))
-        tried[hypothesis] = try_all(world, fitted, pixel, [hypothesis]).get(hypothesis)
-        return tried[hypothesis].cost if tried[hypothesis] else np.inf
-
-    bounds = first.finer.low, first.finer.high
-    minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": FINE * bounds[1]})
-    best = min(tried, key=lambda h: tried[h].cost if tried[h] else np.inf)
-    why = judge.convicts(judge.score(best, tried[best])) if tried[best] else ""
-    return (best, why) if why and tried[best].cost < trial.cost - BETTER else (first, "")
+    return Finding(first, evidence[first], tuple(h.what for h in others))
 
 
 def leaders(totals: dict[Hypothesis, float]) -> list[Hypothesis]:
@@ -143,8 +118,6 @@ def numbers(world: "World", doubts: Doubts) -> Iterator[Hypothesis]:
     if doubts.noise > NOISY:
         yield from clocks(world.recording)
         yield from polarities()
-    if doubts.fading:
-        yield from fades(world.recording)
     if doubts.thresholds:
         yield from thresholds(world)
     yield from veils(world)

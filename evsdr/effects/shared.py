@@ -145,7 +145,7 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
     row = choose(fitted.problem, fitted.solution, N_PIXEL)
     if len(row) < FEWEST_PIXELS:
         return None
-    asked = _asked(world, fitted, row)
+    asked = asked_of(world, fitted, row)
     with one_thread():
         found, names, untold_deg, no_lag = _lag_or_none(asked, world)
         searched = found.rig
@@ -165,7 +165,7 @@ def _infer(world: "World", fitted: "Fitted") -> SharedFound | None:
 
 
 def _without_bias(
-    found: Inferred, names: tuple[str, ...], asked: "_Asked", world: "World"
+    found: Inferred, names: tuple[str, ...], asked: "Asked", world: "World"
 ) -> tuple[Inferred, np.ndarray | None]:
     """Take off what the search is off by of its own, and give that, where it is looked for; see `own_bias`."""
     if not world.terms.thorough or world.metal is not None or found.rig.dark or found.in_vain:
@@ -176,7 +176,7 @@ def _without_bias(
 
 
 @dataclass(frozen=True)
-class _Asked:
+class Asked:
     """What is asked of some pixels: where a search starts, what is told, and what is unknown, of `rig.NAMES`."""
 
     pixels: Pixels
@@ -216,7 +216,7 @@ class _Asked:
         return replace(start, theta=theta, rig=replace(start.rig, log_threshold=self.rig.log_threshold))
 
 
-def _asked(world: "World", fitted: "Fitted", row: np.ndarray) -> _Asked:
+def asked_of(world: "World", fitted: "Fitted", row: np.ndarray) -> Asked:
     told, nearer = world.terms.told, None
     if world.distance_is_unknown and "distance" in world.terms.shared:
         told = replace(told, distance=OF_EXTENT * world.surface.extent)
@@ -234,10 +234,10 @@ def _asked(world: "World", fitted: "Fitted", row: np.ndarray) -> _Asked:
         names = [name for name in names if name not in WITH_LAG]
     rig, activity = _told(world, pixels), world.background[0] if world.background else None
     start = _start(world, fitted, rig, row, pixels.dimness)
-    return _Asked(pixels, start, rig, told, tuple(names), activity)
+    return Asked(pixels, start, rig, told, tuple(names), activity)
 
 
-def _lag_or_none(asked: _Asked, world: "World") -> tuple[Inferred, tuple[str, ...], float, bool]:
+def _lag_or_none(asked: Asked, world: "World") -> tuple[Inferred, tuple[str, ...], float, bool]:
     """Search with a lag, and without one where there is none; gives also what was unknown, and `SharedFound`'s untold_deg and no_lag."""
     names, without = asked.names, tuple(name for name in asked.names if name not in WITH_LAG)
     if "tau" not in names:
@@ -263,7 +263,7 @@ def _lag_or_none(asked: _Asked, world: "World") -> tuple[Inferred, tuple[str, ..
     return lagless, without, untold_deg, found.no_lag
 
 
-def _with_dark(asked: _Asked, names: tuple[str, ...], world: "World") -> tuple[Inferred, tuple[str, ...]]:
+def _with_dark(asked: Asked, names: tuple[str, ...], world: "World") -> tuple[Inferred, tuple[str, ...]]:
     """Search, and once more with a dark current where events want one; gives also what was unknown."""
     found = asked.search(names)
     if "dark" in names or found.in_vain or found.wanted["dark"] <= CLEAR or not _lags(found, world):

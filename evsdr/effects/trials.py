@@ -43,8 +43,6 @@ class Trial:
     normal : (n_pixel, 3) float
     gain : (n_pixel, 2) float, optional
         Factors on the told C_on and C_off, where they are unknown.
-    still : float
-        Share of the event pairs that end while no light changes.
     """
 
     cost: float
@@ -53,7 +51,6 @@ class Trial:
     place: np.ndarray
     normal: np.ndarray
     gain: np.ndarray | None
-    still: float = 0.0
 
     @property
     def lost(self) -> float:
@@ -115,19 +112,13 @@ def try_all(
             hs, cases, places = zip(*group[k : k + most])
             row = np.searchsorted(problem.pixel, places) if image is None else np.array(places)
             readings = trial.readings(list(cases), light, row, thresholds)
-            for h, case, place, read in zip(hs, cases, places, readings):
+            for h, place, read in zip(hs, places, readings):
                 normal = to_normal(read.theta.astype(float))
-                out[h] = Trial(*cauchy(read.residual), read.residual, place, normal, read.gain, still(case))
+                out[h] = Trial(*cauchy(read.residual), read.residual, place, normal, read.gain)
     if None in hypotheses and None not in out:
         nothing = np.ones(1)
         out[None] = Trial(*cauchy(nothing), nothing, pixel, np.tile([0.0, 0.0, 1.0], (len(pixel), 1)), None)
     return out
-
-
-def still(pairs: PairData) -> float:
-    """Give the share of event pairs that end while no light changes."""
-    end = np.abs(pairs.phases.numpy().reshape(-1, 2)[:, 1]) - 1
-    return float(np.mean(end == np.floor(end))) if len(end) else 0.0
 
 
 def of_pixels(world: "World", pixel: np.ndarray) -> "World":

@@ -21,6 +21,7 @@ from evsdr.solve.system import system_of
 from evsdr.solve.tuning import Tuning
 
 NOISE_RANGE = (0.005, 1.0)  # of the relative residual
+UNTOLD = 0.1  # the same, where no pixel tells; guessed: an EVK4's have 0.05 and more
 MISFIT = 0.5  # of that of most pixels, above which events and model contradict each other; guessed
 N_SHOWN = 32  # pairs of a pixel that show its noise
 N_SLOTTED = 128  # pairs of a pixel that show whether those of a slot go together
@@ -30,6 +31,13 @@ MOST_FREEDOM = 2.0  # largest factor for the unknowns that pairs have been fitte
 MEDIAN_TO_SIGMA = 1.4826  # of |x| for Gaussian x
 MOST = 10.0  # times the noise of most pixels
 IGNORED = 100.0  # noise factor of pixels whose events contradict the model
+
+
+def weighted_median(value: np.ndarray, weight: np.ndarray) -> float:
+    """Give the value (n,) below which half of the weights (n,) lie."""
+    order = np.argsort(value)
+    below = np.cumsum(weight[order])
+    return float(value[order[np.searchsorted(below, 0.5 * below[-1])]])
 
 
 @dataclass(frozen=True)
@@ -43,15 +51,23 @@ class Scatter:
     count : (n,) int
         Their pairs.
     value : (n,) float
+    n_unknown : int
+        Of each pixel.
     """
 
     pixel: np.ndarray
     count: np.ndarray
     value: np.ndarray
+    n_unknown: int = 0
 
     def of_most(self) -> float:
-        """Give that of most pixels: hot ones fire most events, but are few."""
-        return float(np.clip(np.median(self.value), *NOISE_RANGE)) if len(self.pixel) else NOISE_RANGE[1]
+        """Give that of most pixels: hot ones fire most events, but are few. Those that have no more events than unknowns, which explain all, do not tell."""
+        tells = np.clip(self.count - self.n_unknown, 0, N_SHOWN)
+        if len(self.pixel) == 0:
+            return NOISE_RANGE[1]
+        if not tells.any():
+            return UNTOLD
+        return float(np.clip(weighted_median(self.value, tells), *NOISE_RANGE))
 
 
 @recorded
@@ -80,7 +96,7 @@ def scatter_of(data: Data, state: State) -> Scatter:
     u = _residuals(system, state.theta, of_pixel, owned(UInt32, shown.ravel()))[0].numpy()
     freedom = np.minimum(np.sqrt(n / np.maximum(n - len(state.theta), 1)), MOST_FREEDOM)
     variance = variance_of(u.reshape(shown.shape), data.robust, least=SMALLEST_SQUARE)
-    return Scatter(pixel, n, np.sqrt(variance) * freedom)
+    return Scatter(pixel, n, np.sqrt(variance) * freedom, len(state.theta))
 
 
 @dataclass(frozen=True)

@@ -64,6 +64,7 @@ def test_mates_of_the_worst_led_are_suspects():
         ({"noise": 0.078, "known": True}, True, False, False),
         ({"noise": 0.09}, True, False, False),
         ({"dark": True}, True, False, False),
+        ({"switches": True}, True, False, False),
         ({"reflectance": 2.5}, True, False, True),
         ({"reflectance": 2.5, "noise": 0.3}, True, True, False),
     ],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evsdr.effects.evidence import Judge, Score, consistently_wrong
-from evsdr.effects.hypotheses import Finer, Hypothesis
+from evsdr.effects.hypotheses import Hypothesis
 from evsdr.effects.trials import Trial
 
 
@@ -46,44 +46,6 @@ def test_a_hypothesis_that_leaves_hardly_any_events_explains_none(n, convicts):
     score = judge.score(Hypothesis("", "", None), Trial(-2.0, 0.02, np.zeros(n), np.arange(4), normal, None))
     assert score.lost == pytest.approx(max(1 - n / 64, 0))
     assert bool(judge.convicts(score)) == convicts
-
-
-@pytest.mark.parametrize(
-    ("still", "told", "convicts"), [(0.4, 0.0, True), (0.6, 0.0, False), (1.0, 0.3, False), (1.0, 1.0, True)]
-)
-def test_events_that_come_while_no_light_changes_convict_no_one(still, told, convicts):
-    """Few levels of light explain whatever they say; but where LEDs switch as told all do."""
-    judge, normal = object.__new__(Judge), np.tile([0.0, 0.0, 1.0], (4, 1))
-    judge.doubts, judge.n_unknown = SimpleNamespace(shape=False, curl=False), 3
-    judge.told = Score(Trial(0.0, 0.08, np.ones(64), np.arange(4), normal, None, told))
-    trial = Trial(-1.0, 0.02, np.zeros(64), np.arange(4), normal, None, still)
-    assert bool(judge.convicts(Score(trial, 1.0))) == convicts
-
-
-@pytest.mark.parametrize(
-    ("shown", "gain", "lost", "evidence"),
-    [
-        ("times", 0.3, 0.3, "times; with that, 5.0% of a threshold"),
-        ("times", -0.3, 0.3, "times"),
-        ("times", 0.3, 0.45, ""),
-        ("", 0.3, 0.0, ""),
-        ("", 0.5, 0.3, ""),
-        ("", 0.5, 0.0, "with that, 5.0% of a threshold"),
-    ],
-)
-def test_what_times_of_events_show_needs_no_likelihood(shown, gain, lost, evidence):
-    """Of light without a lag that has none of theirs; but it must explain most events."""
-    judge, normal = object.__new__(Judge), np.tile([0.0, 0.0, 1.0], (4, 1))
-    judge.doubts, judge.n_unknown, judge.shape = SimpleNamespace(shape=False, curl=False), 3, None
-    judge.doubts.bends = SimpleNamespace(curl=lambda *_: 0.1)
-    judge.told = Score(Trial(0.0, 0.2, np.ones(64), np.arange(4), normal, None, 0.0), curl_share=0.1)
-    residual = np.where(np.arange(64) < 64 * lost, 1.0, 0.0)
-    trial = Trial(-gain, 0.05, residual, np.arange(4), normal, None, 1.0 if shown else 0.0)
-    found = judge.convicts(
-        judge.score(Hypothesis("", "", None, finer=Finer(None, 0.0, 0.1), shown=shown), trial)
-    )
-    assert found.startswith(evidence) and bool(found) == bool(evidence)
-    assert ("with that" in found) == (bool(evidence) and gain > 0)
 
 
 @pytest.mark.parametrize(("n_unknown", "convicts"), [(7, True), (8, False), (12, False)])

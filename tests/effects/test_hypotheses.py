@@ -7,12 +7,10 @@ import pytest
 
 from evsdr.effects.hypotheses import (
     clocks,
-    fades,
     faults,
     images,
     orders,
     polarities,
-    share_at_starts,
     thresholds,
     too_bright,
     veils,
@@ -115,44 +113,6 @@ def test_times_and_slots():
     assert ms.schedule.start_us == 7000 and found["times are in ns"].round_start_us.tolist() == [0, 50]
     told = named(clocks(world().recording), "in ns").mend(replace(world(), hot=np.ones((5, 5), bool)))
     assert told.hot is None
-
-
-@pytest.mark.parametrize("told", [0.0, 0.2, 0.84, 1.0])
-def test_fades(told):
-    """All but what is told, and such beside it; each with those between its neighbours."""
-    found = list(fades(world(crossfade=told).recording))
-    values = [h.mend(world()).recording.schedule.crossfade for h in found]
-    assert values == sorted(set(values)) and min(values) >= 0 and max(values) <= 1
-    assert min(abs(value - told) for value in values) >= 0.01
-    assert told in (0.0, 1.0) or {0.0, 1.0} < set(values)
-    assert min(abs(np.log(max(value, 1e-9) / max(told, 1e-3))) for value in values) < 0.2 or told == 0
-    for h, value in zip(found, values):
-        assert h.finer.low <= value <= h.finer.high and h.finer.low < h.finer.high
-        assert h.finer.of(value).what == h.what and f"crossfade = {value:.3g}" in h.remedy
-    words = {h.what for h in fades(world(crossfade=0.5).recording)}
-    assert {"the LEDs switch without fading", "the LEDs fade into each other"} < words
-    assert "the LEDs fade within 0.25 of a slot" in words
-
-
-@pytest.mark.parametrize(("late", "share"), [(0, 1.0), (5, 0.95), (15, 0.85), (100, 0.0)])
-def test_times_of_events_show_that_leds_switch(late, share):
-    """Of no other fade they show anything, nor do few; outside of the rounds they mean nothing."""
-
-    def of(t, crossfade=1.0):
-        some, schedule = np.zeros(len(t), np.uint16), replace(world().recording.schedule, crossfade=crossfade)
-        events = Events(some, some, some.astype(np.int8), np.sort(t).astype(int))
-        return replace(world().recording, events=events, schedule=schedule)
-
-    inside = np.arange(100) // 20 * 10_000 + np.where(np.arange(100) < late, 7000, 2000)
-    recording = of(np.append(inside, 77_000))
-    assert share_at_starts(recording) == pytest.approx(share)
-    switch, *others = fades(recording)
-    assert switch.shown.startswith(f"{share:.0%} of the events come in the first half") == (share > 0.9)
-    assert bool(switch.shown) == (share > 0.9)
-    assert not any(h.shown for h in others) and not any(h.finer.of(0.0).shown for h in others)
-    late_by_half_a_slot = of(inside, crossfade=0.4)
-    assert not any(h.shown for h in fades(late_by_half_a_slot))
-    assert share_at_starts(of(inside[1:])) == 0 and share_at_starts(of(inside + 60_000)) == 0
 
 
 def test_sensors():

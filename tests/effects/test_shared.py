@@ -365,7 +365,7 @@ def test_thresholds_that_run_away_are_searched_again_from_what_is_told(surprise,
     rig, light = found(log_threshold=np.zeros(2)).inferred.rig, SimpleNamespace(n_band=1)
     theta = np.array([[0.0, 0.0, 0.0, -0.7, -0.5]])
     start = shared.Start(theta, replace(rig, log_threshold=np.full(2, -0.6)), np.ones(2), 0.1)
-    search = shared._Asked(SimpleNamespace(light=light), start, rig, Told(), names, None)
+    search = shared.Asked(SimpleNamespace(light=light), start, rig, Told(), names, None)
     assert search.search(names).rig.log_threshold[0] == expected
     assert [some for some, *_ in asked] == [names, ("powers",), names]
     assert [at for _, at, _ in asked] == [-0.6, 0.0, 0.0]

@@ -1,13 +1,12 @@
 """Hypotheses are tried on the events of some pixels."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from evsdr.effects.hypotheses import clocks, images, polarities
-from evsdr.effects.trials import Trial, cauchy, chosen, of_pixels, still, try_all
+from evsdr.effects.trials import Trial, cauchy, chosen, of_pixels, try_all
 from tests.support.setups import SIZE, fitted_alone, recorded, scene_of
 
 
@@ -73,10 +72,3 @@ def test_under_which_nothing_pairs_is_left_out(given):
     silent = replace(world, recording=replace(world.recording, events=told))
     tried = try_all(silent, fitted, chosen(silent, fitted, []), [None, *polarities()])
     assert list(tried) == [None] and tried[None].lost == 1 and tried[None].scale == pytest.approx(1, rel=0.1)
-
-
-@pytest.mark.parametrize(("phases", "share"), [([0.0, 1.5, 2.0, -3.0], 0.5), ([0.0, 2.25], 0.0), ([], 0.0)])
-def test_how_many_events_come_while_no_light_changes(phases, share):
-    """The end of a pair is coded with its polarity, as 1 more than its phase."""
-    pairs = SimpleNamespace(phases=SimpleNamespace(numpy=lambda: np.array(phases, np.float32)))
-    assert still(pairs) == share

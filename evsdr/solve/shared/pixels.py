@@ -23,7 +23,8 @@ from evsdr.solve.shared.rig import TIMES, Rig, across
 from evsdr.solve.solution import Solution
 from evsdr.solve.unknowns import to_normal
 
-FEWEST_EVENTS = 20  # of a pixel that tells
+FEWEST_EVENTS = 20, 8  # of a pixel that tells, the first of which there are enough such pixels
+ENOUGH = 20
 # Events, at most, of pixels that tell, but of so many pixels at least; guessed. Measured (`experiments.draws`, 2 3 9 1158, of 90,000 to 200,000 events): 41
 # 13 181 169 s -> 25 12 73 65, .45 .35 12.2 2.85 degrees -> .48 .40 11.0 2.86
 MOST_EVENTS, FEWEST = 60_000, 60
@@ -306,11 +307,14 @@ def choose(problem: Problem, solution: Solution, most: int) -> np.ndarray:
     lit = np.zeros(mask.shape, bool)
     lit[mask] = counts >= FEWEST_LIT
     lit = ndimage.binary_fill_holes(lit) & mask
-    clear = (counts >= FEWEST_EVENTS) & (solution.noise_factor < CLEAR)
-    for width in RIMS:
-        inner = ndimage.binary_erosion(lit, np.ones((width, width)))
-        row = np.flatnonzero(clear & inner.ravel()[problem.pixel])
-        if len(row) >= most:
+    for fewest in FEWEST_EVENTS:
+        clear = (counts >= fewest) & (solution.noise_factor < CLEAR)
+        for width in RIMS:
+            inner = ndimage.binary_erosion(lit, np.ones((width, width)))
+            row = np.flatnonzero(clear & inner.ravel()[problem.pixel])
+            if len(row) >= most:
+                break
+        if len(row) >= ENOUGH:
             break
     row = np.random.default_rng(0).permutation(row)[:most]
     enough = np.cumsum(counts[row]) <= MOST_EVENTS
