@@ -15,12 +15,12 @@ from evsdr.effects.shared import asked_of
 from evsdr.events.phase import position
 from evsdr.jit import one_thread
 from evsdr.records import Recording
-from evsdr.solve.shared.pixels import choose
+from evsdr.solve.shared.pixels import FEWEST_PIXELS, choose
 
 if TYPE_CHECKING:
     from evsdr.effects.world import Fitted, World
 
-N_PIXEL, FEWEST = 40, 20  # that are asked, at most and at least
+N_PIXEL = 40  # that are asked
 TAKEN = (
     "powers",
     "lag",
@@ -47,7 +47,7 @@ AT_STARTS, FEWEST_TIMED, N_TIMED = 0.9, 100, 1_000_000
 def find_crossfade(world: "World", fitted: "Fitted") -> Finding | None:
     """Look for a crossfade that explains the events better than the told one."""
     row = choose(fitted.problem, fitted.solution, N_PIXEL)
-    if len(row) < FEWEST:
+    if len(row) < FEWEST_PIXELS:
         return None
     evidence, told = Evidence(world, fitted, row), world.recording.schedule.crossfade
     hinted = may_switch(world.recording) or max(map(evidence, beside(told))) > evidence(told) + HINT
@@ -56,7 +56,9 @@ def find_crossfade(world: "World", fitted: "Fitted") -> Finding | None:
     if gain < WORTH * (VALLEY if evidence.doubts_powers(best) else 1):
         return None
     times = np.exp(gain)
-    return Finding(fading(best), f"with that, each event is {times:.{1 if times < 10 else 0}f} times as likely")
+    return Finding(
+        fading(best), f"with that, each event is {times:.{1 if times < 10 else 0}f} times as likely"
+    )
 
 
 class Evidence:

@@ -11,7 +11,7 @@ from evsdr.effects.sensitivity import against
 from evsdr.jit import one_thread
 from evsdr.model.illumination import Illumination
 from evsdr.solve.shared.infer import Inferred, corrected, infer, less_sure, own_bias, turn_deg
-from evsdr.solve.shared.pixels import Pixels, choose, collect, is_far, turned
+from evsdr.solve.shared.pixels import FEWEST_PIXELS, Pixels, choose, collect, is_far, turned
 from evsdr.solve.shared.posterior import Start
 from evsdr.solve.shared.rig import GROUPS, Basis, Rig, Told
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from evsdr.effects.world import Fitted, World
 
 N_PIXEL = 300  # that tell: more tell what they share no better than the model holds
-FEWEST_PIXELS = 20
 FIRST_TAU_US, FIRST_NOISE = 20.0, 0.005  # to start from, the first where darkness is as bright as usual
 GUESSED_REFRACTORY_US = 200.0  # tolerance where the recording tells none
 CLEAR = 4.0  # standard deviations from which there is a lag, and a dark current

@@ -8,7 +8,16 @@ import pytest
 
 from evsdr.model.lambert import LambertianRing
 from evsdr.solve import loop
-from evsdr.solve.noise import FEW_SLOTS, IGNORED, Scatter, Slotted, noise_factors, slot_factors, slotted
+from evsdr.solve.noise import (
+    FEW_SLOTS,
+    IGNORED,
+    UNTOLD,
+    Scatter,
+    Slotted,
+    noise_factors,
+    slot_factors,
+    slotted,
+)
 from evsdr.solve.unknowns import first_theta
 from tests.support.sphere import sphere_problem
 
@@ -18,6 +27,16 @@ def test_noise_of_most_pixels_does_not_see_hot_ones(rng):
     value[:40] = 5.0
     assert Scatter(np.arange(101), np.full(101, 50), value).of_most() == pytest.approx(0.12, abs=0.02)
     assert Scatter(np.arange(0), np.arange(0), np.empty(0)).of_most() == 1.0
+
+
+def test_pixels_that_have_no_more_events_than_unknowns_do_not_tell_noise():
+    """Theirs explain all; one more tells little, and where there are none a guess stands."""
+    value, count = np.array([1e-4] * 60 + [0.2] * 20), np.array([12] * 60 + [30] * 20)
+    scatter = Scatter(np.arange(80), count, value, 12)
+    assert scatter.of_most() == pytest.approx(0.2)
+    assert replace(scatter, count=np.append(count[:60] + 1, count[60:])).of_most() == pytest.approx(0.2)
+    assert replace(scatter, n_unknown=30).of_most() == pytest.approx(UNTOLD)
+    assert replace(scatter, n_unknown=0).of_most() == pytest.approx(0.005)
 
 
 def test_pixels_that_contradict_the_model_are_ignored():

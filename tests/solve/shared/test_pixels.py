@@ -14,6 +14,7 @@ from evsdr.model.illumination import Illumination
 from evsdr.model.lambert import signals_of
 from evsdr.solve.shared.pixels import (
     FEWEST_EVENTS,
+    FEWEST_PIXELS,
     SHORTEST,
     Nearer,
     choose,
@@ -40,7 +41,7 @@ def test_pixels_that_tell_are_chosen(case):
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
             assert mask[y + dy, x + dx].all()  # none at the rim
-    assert problem.pairs.counts[row].min() >= FEWEST_EVENTS
+    assert problem.pairs.counts[row].min() >= FEWEST_EVENTS[0]
     loud = replace(solution, noise_factor=np.where(np.arange(problem.n_pixel) == row[3], 5.0, 1.0))
     assert row[3] not in choose(problem, loud, 1000) and row[4] in choose(problem, loud, 1000)
     some = choose(problem, solution, 10)
@@ -50,13 +51,24 @@ def test_pixels_that_tell_are_chosen(case):
 def test_fewer_pixels_tell_where_each_has_many_events(case, monkeypatch):
     """But some, however many they have; those are among the others."""
     count = case.problem.pairs.counts
-    row, total = choose(case.problem, case.solution, 30), count[count >= FEWEST_EVENTS].sum()
+    row, total = choose(case.problem, case.solution, 30), count[count >= FEWEST_EVENTS[0]].sum()
     monkeypatch.setattr("evsdr.solve.shared.pixels.FEWEST", 4)
     for most, fewest, whole in ((0.25 * total, 5, False), (1, 4, True), (total, 30, True)):
         monkeypatch.setattr("evsdr.solve.shared.pixels.MOST_EVENTS", most)
         some = choose(case.problem, case.solution, 30)
         assert set(some) <= set(row) and (np.diff(some) > 0).all()
         assert len(some) == fewest if whole else fewest <= len(some) < 30 and count[some].sum() <= most
+
+
+@pytest.mark.parametrize(("many", "n"), [(0, 0), (FEWEST_PIXELS - 1, None), (FEWEST_PIXELS, FEWEST_PIXELS)])
+def test_pixels_of_fewer_events_tell_where_hardly_any_have_many(case, many, n):
+    """But not of less than that."""
+    few, much = FEWEST_EVENTS[1], FEWEST_EVENTS[0]
+    inner = choose(case.problem, case.solution, 1000)
+    counts = np.full(case.problem.n_pixel, few if n is None else few - 1)
+    counts[inner[:many]] = much
+    problem = replace(case.problem, pairs=SimpleNamespace(counts=counts))
+    assert len(choose(problem, case.solution, 1000)) == (len(inner) if n is None else n)
 
 
 def test_pixels_that_tell_lie_off_the_rim_of_where_events_end(case):
