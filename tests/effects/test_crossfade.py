@@ -16,6 +16,7 @@ from evsdr.effects.crossfade import (
     most_likely,
     share_at_starts,
 )
+from evsdr.effects.world import Terms
 from evsdr.records import Events, Recording, Schedule, Sensor
 
 ROUND_US = 50_000
@@ -24,6 +25,7 @@ ROUND_US = 50_000
 @dataclass(frozen=True)
 class World:
     recording: Recording
+    terms: Terms = Terms()
 
 
 class Parabola:
@@ -94,6 +96,23 @@ def test_no_more_is_tried_where_no_other_beside_is_better_but_times_are_of_switc
     evidence = Parabola(1.0)
     assert found(monkeypatch, evidence, 1.0, t=t) is None
     assert (len(evidence.found) == n_tried) == (n_tried == 2) and len(evidence.found) >= n_tried
+
+
+def test_evidence_is_of_an_event_and_remembered_and_takes_what_passes_for_another_fade(monkeypatch):
+    """Whatever the user leaves out."""
+    searched = []
+
+    def asked_of(world, fitted, row):
+        searched.append((world.recording.schedule.crossfade, world.terms.shared))
+        found = SimpleNamespace(surprise=-30.0, in_vain=True, doubted=("powers",))
+        return SimpleNamespace(search=lambda names: found, names=(), pixels=SimpleNamespace(n_event=10))
+
+    monkeypatch.setattr(crossfade, "asked_of", asked_of)
+    world = World(recording_of(np.arange(3)), Terms(shared=("directions",)))
+    evidence = crossfade.Evidence(world, None, np.arange(3))
+    assert evidence(0.25) == evidence(0.25) == 3.0 and evidence.in_vain(0.25) and evidence.doubts_powers(0.25)
+    ((value, names),) = searched
+    assert value == 0.25 and {"lag", "shift", "thresholds"} <= set(names) and "directions" not in names
 
 
 def test_beside_what_is_told():

@@ -34,6 +34,13 @@ def test_a_sound_recording_raises_no_doubt():
     assert doubts.reflectance == pytest.approx(0.7, abs=0.15)
 
 
+def test_times_of_leds_that_switch_speak_where_they_are_told_to_fade():
+    recording = recorded("sphere", 0.0)[0]
+    faded = replace(recording, schedule=replace(recording.schedule, crossfade=1.0))
+    for told, switches in ((recording, False), (faded, True)):
+        assert doubts_of(*fitted_alone(scene_of(), told)).switches == switches
+
+
 def test_leds_that_are_dead_or_swapped_are_suspects():
     band = [j % 8 for j in range(24)]
     assert 5 in suspects(residuals(dead=(5,)), band)

@@ -26,6 +26,8 @@ def test_noise_of_most_pixels_does_not_see_hot_ones(rng):
     value = 0.1 * rng.uniform(0.8, 1.2, 101)
     value[:40] = 5.0
     assert Scatter(np.arange(101), np.full(101, 50), value).of_most() == pytest.approx(0.12, abs=0.02)
+    hot = np.where(np.arange(101) < 40, 5000, 50)
+    assert Scatter(np.arange(101), hot, value).of_most() == pytest.approx(0.12, abs=0.02)
     assert Scatter(np.arange(0), np.arange(0), np.empty(0)).of_most() == 1.0
 
 
