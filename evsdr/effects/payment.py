@@ -10,7 +10,7 @@ from evsdr.effects.world import Fitted, World
 from evsdr.records import Maps
 from evsdr.solve.shared.infer import less_sure
 from evsdr.solve.shared.rig import Basis
-from evsdr.solve.unknowns import log_spread
+from evsdr.solve.unknowns import KNOWN_SCALE, log_spread
 
 
 def paid(maps: Maps, decisions: dict[str, Decision]) -> Maps:
@@ -30,11 +30,15 @@ def wider(maps: Maps, turn_deg: np.ndarray | float, log_reflectance: np.ndarray 
     turn_deg : (height, width) float, or float
     log_reflectance : (height, width, n_band) float, or fewer of these axes
     """
-    change, turn = log_reflectance * maps.reflectance, turn_deg * maps.mask
+    change, turn, most = (
+        log_reflectance * maps.reflectance,
+        turn_deg * maps.mask,
+        np.maximum(maps.reflectance, 1),
+    )
     return replace(
         maps,
         normal_sigma_deg=np.hypot(maps.normal_sigma_deg, turn, dtype=np.float32),
-        reflectance_sigma=np.minimum(np.hypot(maps.reflectance_sigma, change, dtype=np.float32), 1),
+        reflectance_sigma=np.minimum(np.hypot(maps.reflectance_sigma, change, dtype=np.float32), most),
     )
 
 
@@ -49,8 +53,11 @@ def widened(fitted: Fitted, world: World) -> Maps:
         by = np.zeros(len(basis.owner))
         by[basis.owner == "thresholds"] = apart
         inferred = less_sure(inferred, by, basis)
-    open_deg = np.hypot(inferred.normal_sigma_deg, found.untold_deg)
-    return wider(fitted.maps, open_deg, log_spread(np.square(inferred.log_reflectance_sigma)))
+    open_deg, of_logs = np.hypot(inferred.normal_sigma_deg, found.untold_deg), inferred.log_reflectance_sigma
+    maps = fitted.maps
+    if np.sqrt(np.mean(np.square(of_logs))) > KNOWN_SCALE:
+        maps = replace(maps, mask_reflectance=np.zeros_like(maps.mask))
+    return wider(maps, open_deg, log_spread(np.square(of_logs)))
 
 
 def thresholds_apart(fitted: Fitted, world: World) -> np.ndarray:

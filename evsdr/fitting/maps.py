@@ -7,11 +7,8 @@ from evsdr.light.scene import RingScene
 from evsdr.records import Maps
 from evsdr.solve.problem import Problem
 from evsdr.solve.solution import Solution
-from evsdr.solve.unknowns import KNOWN_SIGMA_DEG, log_spread, normal_sigma_deg, to_normal
+from evsdr.solve.unknowns import KNOWN_SCALE, KNOWN_SIGMA_DEG, log_spread, normal_sigma_deg, to_normal
 
-# Of the logarithm of what all bands have in common: a scale known worse than this is not known. Data then give nine tenths
-# of what is said of it (derived: its weak prior has 1.3)
-KNOWN_SCALE = 0.4
 # What pixels with one normal leave out of a curved surface: radians, and share of reflectance, times the squared turn of the
 # normal over a pixel [rad]. Measured by experiments.sigma: with half of them a third of the errors of spheres, reliefs and bumpy
 # meshes were within one sigma, with twice as much nearly all
@@ -68,9 +65,8 @@ def assemble_maps(
     lit = lit_bands(led, problem.illumination.band)
     reflectance_sigma[:, ~lit] = 1
     known = informed & (sigma < KNOWN_SIGMA_DEG)
-    of_scale = solution.covariance[:, 2:, 2:][:, lit][:, :, lit].mean(
-        axis=(1, 2)
-    )  # variance of the mean logarithm
+    of_logs = solution.covariance[:, 2:, 2:] + (0 if error is None else error[:, 2:, 2:])
+    of_scale = of_logs[:, lit][:, :, lit].mean(axis=(1, 2))  # variance of the mean logarithm
     scaled = known & (of_scale < KNOWN_SCALE**2) & (ring.constant_light > 0)
 
     def image(values, elsewhere):
@@ -85,7 +81,7 @@ def assemble_maps(
         reflectance=image(reflectance, 0),
         mask=mask,
         normal_sigma_deg=image(np.where(known, sigma, 180), 180),
-        reflectance_sigma=image(np.where(known[:, None], np.minimum(reflectance_sigma, 1), 1), 1),
+        reflectance_sigma=image(np.where(known[:, None], np.minimum(reflectance_sigma, np.maximum(reflectance, 1)), 1), 1),
         band_wavelength_nm=ring.leds.band_wavelength_nm.astype(np.float32),
         mask_reflectance=image(scaled, 0) > 0,
     )

@@ -22,6 +22,9 @@ LOG_COMMON_SIGMA, LOG_COLOUR_SIGMA = 1.3, 1.5
 TIED = 100
 LARGEST_STEP = (1.0, 2.0)  # of a slope, of a logarithm
 KNOWN_SIGMA_DEG = 30.0  # a normal known worse than this is not known
+# Of the logarithm of what all bands have in common: a scale known worse than this is not known. Data then give nine tenths
+# of what is said of it (derived: its weak prior has 1.3)
+KNOWN_SCALE = 0.4
 LARGEST_SLOPE, LOG_REFLECTANCE_RANGE = 30.0, (-9.0, 1.5)
 SLOPES = slice(0, 2)
 
