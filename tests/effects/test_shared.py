@@ -326,6 +326,15 @@ def test_what_is_left_open_of_what_pixels_share_widens_sigmas():
     np.testing.assert_allclose(wide_under(fitted, a=untold).normal_sigma_deg, [[1.3, 180]])
 
 
+@pytest.mark.parametrize(("open_", "scaled"), [(0.3, True), (0.5, False)])
+def test_no_scale_is_known_where_what_pixels_share_leaves_it_open(open_, scaled):
+    fitted, told = fit_of_two(), decision(LedPowers())
+    fitted.maps = replace(fitted.maps, mask_reflectance=fitted.maps.mask)
+    inferred = replace(told.answer.inferred, log_reflectance_sigma=np.array([open_]))
+    wide = wide_under(fitted, a=replace(told, answer=replace(told.answer, inferred=inferred)))
+    assert wide.mask_reflectance.tolist() == [[scaled, False]] and wide.mask.tolist() == [[True, False]]
+
+
 def test_thresholds_of_the_maps_that_are_others_than_those_inferred_widen_sigmas():
     """Unless a lobe is why: by how the pixels' maps follow C_on and C_off, 0.1 and 0.05 apart."""
     response = np.zeros((1, 3, len(shared.Basis.of(NAMES, [0, 0, 0]).owner)))
