@@ -30,15 +30,11 @@ def wider(maps: Maps, turn_deg: np.ndarray | float, log_reflectance: np.ndarray 
     turn_deg : (height, width) float, or float
     log_reflectance : (height, width, n_band) float, or fewer of these axes
     """
-    change, turn, most = (
-        log_reflectance * maps.reflectance,
-        turn_deg * maps.mask,
-        np.maximum(maps.reflectance, 1),
-    )
+    change, turn = log_reflectance * maps.reflectance, turn_deg * maps.mask
     return replace(
         maps,
         normal_sigma_deg=np.hypot(maps.normal_sigma_deg, turn, dtype=np.float32),
-        reflectance_sigma=np.minimum(np.hypot(maps.reflectance_sigma, change, dtype=np.float32), most),
+        reflectance_sigma=np.minimum(np.hypot(maps.reflectance_sigma, change, dtype=np.float32), 1),
     )
 
 

@@ -63,7 +63,6 @@ def assemble_maps(
         reflectance, reflectance_sigma = reflectance * scale, reflectance_sigma * scale
     led = problem.pairs.slot_leds.numpy() & 0xFFFF
     lit = lit_bands(led, problem.illumination.band)
-    reflectance_sigma = np.minimum(reflectance_sigma, np.maximum(reflectance, 1))
     reflectance_sigma[:, ~lit] = 1
     known = informed & (sigma < KNOWN_SIGMA_DEG)
     # Variance of the mean logarithm
@@ -82,7 +81,7 @@ def assemble_maps(
         reflectance=image(reflectance, 0),
         mask=mask,
         normal_sigma_deg=image(np.where(known, sigma, 180), 180),
-        reflectance_sigma=image(np.where(known[:, None], reflectance_sigma, 1), 1),
+        reflectance_sigma=image(np.where(known[:, None], np.minimum(reflectance_sigma, 1), 1), 1),
         band_wavelength_nm=ring.leds.band_wavelength_nm.astype(np.float32),
         mask_reflectance=image(scaled, 0) > 0,
     )
