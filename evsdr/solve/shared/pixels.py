@@ -23,7 +23,7 @@ from evsdr.solve.shared.rig import TIMES, Rig, across
 from evsdr.solve.solution import Solution
 from evsdr.solve.unknowns import to_normal
 
-# Of a pixel that tells, and where fewer than so many do. Measured (`experiments.draws`, 1133 1167 1176, which had nothing inferred), normals within 1 2 3 sigma
+# Of a pixel that tells, and where fewer than so many do; guessed. Measured (`experiments.draws`, 1133 1167 1176, which had nothing inferred), normals within 1 2 3 sigma
 # without the second and with it: 29 64 89 -> 66 99 100, 36 66 84 -> 38 88 99, 11 94 100 -> 100 100 100; 9.96 8.88 6.27 -> 6.30 11.3 2.91 degrees
 FEWEST_EVENTS, FEWEST_PIXELS = (20, 8), 20
 # Events, at most, of pixels that tell, but of so many pixels at least; guessed. Measured (`experiments.draws`, 2 3 9 1158, of 90,000 to 200,000 events): 41
