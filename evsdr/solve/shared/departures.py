@@ -8,6 +8,7 @@ events tell. They are eliminated pixel by pixel, so that what is left has the fo
 from dataclasses import dataclass, fields
 
 import numpy as np
+from numba import njit
 
 FIRST = 0.02  # standard deviation to start from; guessed
 # Of what is learnt of it; guessed. Measured: with 0.3 and 0.08 at most a white lion (`experiments.draws`, 41) comes out at 11.1 and 10.4
@@ -25,31 +26,32 @@ class Departures:
     ----------
     value : (n_pixel, n_led) float64
         Where costs stand.
-    follow : (n_pixel, n_led, n + m) float64
-        How the best ones fall with the n maps of a pixel and the m shared unknowns.
-    rest : (n_pixel, n_led) float64
-        How far they fall if nothing else moves.
-    left : (n_pixel, n_led) float64
-        Their variance if all else is known.
+    root : (n_pixel, n_led, n_led) float64
+        Cholesky's lower root L of the information on them if all else is known.
+    across : (n_pixel, n_led, n + m) float64
+        L x = this: how the best ones fall, L' x, with the n maps of a pixel and the m shared unknowns.
+    pull : (n_pixel, n_led, 1) float64
+        The same if nothing else moves.
     """
 
     value: np.ndarray
-    follow: np.ndarray
-    rest: np.ndarray
-    left: np.ndarray
+    root: np.ndarray
+    across: np.ndarray
+    pull: np.ndarray
 
     def after(self, theta: np.ndarray, shared: np.ndarray) -> np.ndarray:
         """Give them after maps moved by (n_pixel, n), and what is shared by (m,)."""
         n = theta.shape[1]
-        fallen = (
-            self.rest + np.einsum("xjn,xn->xj", self.follow[:, :, :n], theta) + self.follow[:, :, n:] @ shared
-        )
-        return np.clip(self.value - fallen, -LARGEST, LARGEST)
+        fallen = self.pull + self.across[:, :, :n] @ theta[:, :, None]
+        fallen[:, :, 0] += self.across[:, :, n:] @ shared
+        _backward(self.root, fallen)
+        return np.clip(self.value - fallen[:, :, 0], -LARGEST, LARGEST)
 
     def followed(self, slope: np.ndarray, n: int) -> np.ndarray:
         """Give slopes (n_pixel, n_kind, n + m) of kinds of events where departures follow all else."""
-        led = slice(n, n + self.value.shape[1])
-        return slope - slope[:, :, led] @ self.follow
+        of_led = np.ascontiguousarray(np.swapaxes(slope[:, :, n : n + self.value.shape[1]], 1, 2))
+        _forward(self.root, of_led)
+        return slope - np.swapaxes(of_led, 1, 2) @ self.across
 
     def put(self, some: np.ndarray, other: "Departures") -> "Departures":
         """Put others in the place of some pixels (n,) int."""
@@ -63,9 +65,12 @@ class Departures:
 
         `matrix` (n_pixel, n + m, n + m) is that of `eliminated`, `n` the number of maps.
         """
-        follow = self.follow[heard][:, :, :n]
+        root, follow = self.root[heard], self.across[heard][:, :, :n].copy()
+        _backward(root, follow)
+        if_known = np.tile(np.eye(root.shape[1]), (len(root), 1, 1))
+        _forward(root, if_known)
         of_maps = np.linalg.inv(matrix[heard][:, :n, :n])
-        left = self.left[heard] + np.einsum("xja,xab,xjb->xj", follow, of_maps, follow, optimize=True)
+        left = np.sum(if_known**2, axis=1) + np.sum((follow @ of_maps) * follow, axis=2)
         told = np.sum(1 - left / before**2)
         variance = (np.sum(self.value[heard] ** 2) + FIRST**2) / (max(told, 0) + 1)
         return float(np.clip(np.sqrt(variance), LEAST, MOST))
@@ -98,11 +103,44 @@ def eliminated(value, sigma, n, cost, gradient, matrix) -> tuple:
     pull = gradient[:, led] + value / sigma**2
     # By Cholesky's root: where one event outweighs all others, products with the inverse leave matrices that are none of a minimum
     root = np.linalg.cholesky(own)
-    across, identity = matrix[:, led], np.broadcast_to(np.eye(n_led), own.shape)
-    half = np.linalg.solve(root, np.concatenate([across, pull[:, :, None], identity], axis=2))
-    whole = np.linalg.solve(np.swapaxes(root, 1, 2), half[:, :, : across.shape[2] + 1])
-    of_all, of_pull, of_own = np.split(half, [across.shape[2], across.shape[2] + 1], axis=2)
-    cost = cost + 0.5 * np.sum(value**2, axis=1) / sigma**2 - 0.5 * np.sum(of_pull**2, axis=(1, 2))
-    gradient = gradient - (np.swapaxes(of_all, 1, 2) @ of_pull)[:, :, 0]
-    departures = Departures(value, whole[:, :, :-1], whole[:, :, -1], np.sum(of_own**2, axis=1))
-    return cost, gradient, matrix - np.swapaxes(of_all, 1, 2) @ of_all, departures
+    both = np.concatenate([matrix[:, led], pull[:, :, None]], axis=2)
+    _forward(root, both)
+    across, pull = both[:, :, :-1], both[:, :, -1:]
+    cost = cost + 0.5 * np.sum(value**2, axis=1) / sigma**2 - 0.5 * np.sum(pull**2, axis=(1, 2))
+    transposed = np.swapaxes(across, 1, 2)
+    gradient = gradient - (transposed @ pull)[:, :, 0]
+    return cost, gradient, matrix - transposed @ across, Departures(value, root, across, pull)
+
+
+@njit(cache=True, error_model="numpy")
+def _forward(root, right):
+    """Solve L x = b for lower triangular L (n_pixel, n, n) and b (n_pixel, n, k), in the place of b."""
+    for x in range(len(root)):
+        for i in range(root.shape[1]):
+            for j in range(i):
+                _add(right, x, i, j, -root[x, i, j])
+            _scale(right, x, i, 1 / root[x, i, i])
+
+
+@njit(cache=True, error_model="numpy")
+def _backward(root, right):
+    """Solve L' x = b likewise."""
+    for x in range(len(root)):
+        for i in range(root.shape[1] - 1, -1, -1):
+            for j in range(i + 1, root.shape[1]):
+                _add(right, x, i, j, -root[x, j, i])
+            _scale(right, x, i, 1 / root[x, i, i])
+
+
+@njit(cache=True, inline="always")
+def _scale(right, x, i, factor):
+    """Multiply row i."""
+    for k in range(right.shape[2]):
+        right[x, i, k] *= factor
+
+
+@njit(cache=True, inline="always")
+def _add(right, x, i, j, factor):
+    """Add row j to row i, times a factor."""
+    for k in range(right.shape[2]):
+        right[x, i, k] += factor * right[x, j, k]

@@ -80,7 +80,7 @@ def test_pixels_that_would_lose_keep_their_maps(posterior, point):
     expected = posterior.at(np.where(worse[:, None], point.theta, point.theta + 0.1), free)
     for name in ("theta", "free", "cost", "gradient", "matrix", "residual", "variance"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
-    for name in ("value", "follow", "rest", "left"):
+    for name in ("value", "root", "across", "pull"):
         of = found.departures, expected.departures
         np.testing.assert_array_equal(*(getattr(departures, name) for departures in of), err_msg=name)
 
