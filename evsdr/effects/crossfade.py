@@ -11,11 +11,13 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from evsdr.effects.hypotheses import Finding, Hypothesis, mend_schedule
-from evsdr.effects.shared import asked_of
+from evsdr.effects.shared import Asked, asked_of, start_from
 from evsdr.events.phase import position
 from evsdr.jit import one_thread
 from evsdr.records import Recording
+from evsdr.solve.shared.infer import Inferred
 from evsdr.solve.shared.pixels import FEWEST_PIXELS, choose
+from evsdr.solve.shared.posterior import Start
 
 if TYPE_CHECKING:
     from evsdr.effects.world import Fitted, World
@@ -74,12 +76,27 @@ class Evidence:
         """Tell whether events contradict the model even so."""
         return self._found(crossfade)[0].in_vain
 
+    def ask_from(self, other: float, crossfade: float) -> None:
+        """Search once more, from where the search under another ended: from maps that are bent it may stay away; what is less of a surprise stands.
+
+        Measured (a sphere of 24 x 24, slots of 3 ms, LEDs that switch and are told to fade): 1.4 for 0, 2.3 for .03, where rounding has it; 2.2 so.
+        """
+        found, n_event = self._found(crossfade)
+        again = self._search(self._asked(crossfade), start_from(self._found(other)[0]))
+        self.found[crossfade] = min(found, again, key=lambda one: one.surprise), n_event
+
     def _found(self, crossfade: float) -> tuple:
         if crossfade not in self.found:
-            asked = asked_of(fading(crossfade).mend(self.world), self.fitted, self.row)
-            with one_thread():
-                self.found[crossfade] = asked.search(asked.names), asked.pixels.n_event
+            asked = self._asked(crossfade)
+            self.found[crossfade] = self._search(asked), asked.pixels.n_event
         return self.found[crossfade]
+
+    def _asked(self, crossfade: float) -> Asked:
+        return asked_of(fading(crossfade).mend(self.world), self.fitted, self.row)
+
+    def _search(self, asked: Asked, start: Start | None = None) -> Inferred:
+        with one_thread():
+            return asked.search(asked.names, start)
 
 
 def most_likely(evidence: Evidence, told: float) -> float:
@@ -96,6 +113,9 @@ def most_likely(evidence: Evidence, told: float) -> float:
         options={"xatol": FINE * bounds[1]},
     )
     best = max(evidence.found, key=evidence)
+    end = float(round(best))
+    if end not in (best, told):
+        evidence.ask_from(best, end)
     usual = [end for end in (0.0, 1.0) if end != told and evidence(end) > evidence(best) - WORTH]
     return max(usual, key=evidence, default=best)
 

@@ -197,7 +197,7 @@ class Asked:
         if "thresholds" not in names or not self._ran_away(found.rig):
             return found
         held = self._search(self._as_told(start), tuple(name for name in names if name != "thresholds"))
-        other = self._search(_from(held), names)
+        other = self._search(start_from(held), names)
         return min(found, other, key=lambda one: one.surprise)
 
     def _search(self, start: Start, names: tuple[str, ...]) -> Inferred:
@@ -268,7 +268,7 @@ def _with_dark(asked: Asked, names: tuple[str, ...], world: "World") -> tuple[In
     if "dark" in names or found.in_vain or found.wanted["dark"] <= CLEAR or not _lags(found, world):
         return found, names
     names = (*names, "dark")
-    return asked.search(names, _from(found)), names
+    return asked.search(names, start_from(found)), names
 
 
 def _distance_off(found: Inferred, last: SharedFound | None, tolerance: float) -> DistanceOff:
@@ -289,7 +289,7 @@ def _lags(found: Inferred, world: "World") -> bool:
     return shows and not found.no_lag and found.turn_deg["lag"] > world.terms.limit_deg
 
 
-def _from(found: Inferred) -> Start:
+def start_from(found: Inferred) -> Start:
     """Start again with what was found."""
     return Start(found.theta, found.rig, found.spread, found.scatter, found.departs)
 
@@ -308,7 +308,7 @@ def _start(world: "World", fitted: "Fitted", told: Rig, row: np.ndarray, dimness
     theta, spread = solution.all_theta[row].astype(float), np.array(prior[2:])
     if world.found:
         rig = world.found.searched or world.found.inferred.rig
-        start = replace(_from(world.found.inferred), theta=theta, rig=rig, spread=spread)
+        start = replace(start_from(world.found.inferred), theta=theta, rig=rig, spread=spread)
     else:
         rig = replace(told, log_threshold=np.array(prior[:2]))
         start = Start(theta, rig, spread, solution.noise)

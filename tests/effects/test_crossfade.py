@@ -38,6 +38,9 @@ class Parabola:
         slope = 8.0 if value < self.best else 4.0
         return self.found.setdefault(value, -slope * abs(value - self.best))
 
+    def ask_from(self, other, value):
+        self.asked = other, value
+
     def in_vain(self, value):
         return self.vain
 
@@ -65,6 +68,17 @@ def found(monkeypatch, evidence, told, n_pixel=40, t=()):
 )
 def test_the_best_is_sought_but_rings_switch_or_fade_all_along(best, told, likely):
     assert most_likely(Parabola(best), told) == pytest.approx(likely, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("best", "told", "asked"),
+    [(0.3, 1.0, 0.0), (0.63, 0.0, 1.0), (0.63, 1.0, None), (0.3, 0.0, None), (0.0, 1.0, None)],
+)
+def test_what_rings_do_is_asked_once_more_from_the_best(best, told, asked):
+    evidence = Parabola(best)
+    evidence.asked = None
+    likely = most_likely(evidence, told)
+    assert evidence.asked == (None if asked is None else (likely, asked))
 
 
 def test_where_all_is_in_vain_what_is_told_stands():
@@ -105,7 +119,9 @@ def test_evidence_is_of_an_event_and_remembered_and_takes_what_passes_for_anothe
     def asked_of(world, fitted, row):
         searched.append((world.recording.schedule.crossfade, world.terms.shared))
         found = SimpleNamespace(surprise=-30.0, in_vain=True, doubted=("powers",))
-        return SimpleNamespace(search=lambda names: found, names=(), pixels=SimpleNamespace(n_event=10))
+        return SimpleNamespace(
+            search=lambda names, start: found, names=(), pixels=SimpleNamespace(n_event=10)
+        )
 
     monkeypatch.setattr(crossfade, "asked_of", asked_of)
     world = World(recording_of(np.arange(3)), Terms(shared=("directions",)))
@@ -113,6 +129,20 @@ def test_evidence_is_of_an_event_and_remembered_and_takes_what_passes_for_anothe
     assert evidence(0.25) == evidence(0.25) == 3.0 and evidence.in_vain(0.25) and evidence.doubts_powers(0.25)
     ((value, names),) = searched
     assert value == 0.25 and {"lag", "shift", "thresholds"} <= set(names) and "directions" not in names
+
+
+@pytest.mark.parametrize(("again", "stands"), [(-50.0, 5.0), (-10.0, 3.0)])
+def test_a_search_from_where_another_ended_stands_if_it_is_less_of_a_surprise(monkeypatch, again, stands):
+    def search(names, start):
+        assert start in (None, -30.0)
+        return SimpleNamespace(surprise=-30.0 if start is None else again)
+
+    asked = SimpleNamespace(search=search, names=(), pixels=SimpleNamespace(n_event=10))
+    monkeypatch.setattr(crossfade, "asked_of", lambda *_: asked)
+    monkeypatch.setattr(crossfade, "start_from", lambda found: found.surprise)
+    evidence = crossfade.Evidence(World(recording_of(np.arange(3))), None, np.arange(3))
+    evidence.ask_from(0.1, 0.0)
+    assert (evidence(0.1), evidence(0.0)) == (3.0, stands)
 
 
 def test_beside_what_is_told():

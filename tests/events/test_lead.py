@@ -45,7 +45,7 @@ def first_meetings(kappa, poles):
 
 
 @pytest.mark.parametrize("poles", [2.0, POLES])
-@pytest.mark.parametrize("kappa", [0.1, 1.0, 6.0, 30.0, 300.0])
+@pytest.mark.parametrize("kappa", [0.1, 6.0, 300.0])
 def test_the_lead_is_that_of_two_poles(kappa, poles):
     lead, _ = first_meetings(kappa, poles)
     mean, variance, _ = read_lead(TABLE, kappa, math.log((poles - 1) / (POLES - 1)))
@@ -53,7 +53,7 @@ def test_the_lead_is_that_of_two_poles(kappa, poles):
     assert math.sqrt(variance) == pytest.approx(lead.std(), abs=0.07)
 
 
-@pytest.mark.parametrize("kappa", [0.1, 1.0, 10.0, 100.0])
+@pytest.mark.parametrize("kappa", [0.1, 10.0])
 def test_noise_that_meets_a_level_rises(kappa):
     """The formula is the mean of all meetings, not only of first ones."""
     _, velocity = first_meetings(kappa, POLES)
