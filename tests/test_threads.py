@@ -42,3 +42,10 @@ def test_the_user_may_ask_for_fewer(monkeypatch):
     monkeypatch.setenv("EVSDR_THREADS", "two")
     with pytest.raises(InputError, match="EVSDR_THREADS is 'two'"):
         most_threads()
+
+
+def test_one_thread_is_this_one(monkeypatch):
+    monkeypatch.setenv("EVSDR_THREADS", "1")
+    seen = set()
+    in_chunks(lambda _: seen.add(threading.get_ident()))
+    assert seen == {threading.get_ident()}
