@@ -30,6 +30,22 @@ def test_an_error_is_raised():
         in_chunks(work)
 
 
+def test_after_an_error_no_more_are_begun(monkeypatch):
+    """As after Ctrl-C."""
+    monkeypatch.setenv("EVSDR_THREADS", "2")
+    begun = []
+
+    def work(chunk):
+        begun.append(chunk)
+        if chunk == 0:
+            raise KeyboardInterrupt
+        time.sleep(0.01)
+
+    with pytest.raises(KeyboardInterrupt):
+        in_chunks(work)
+    assert len(begun) < 5
+
+
 def test_the_user_may_ask_for_fewer(monkeypatch):
     for name, value in limited(3).items():
         monkeypatch.setenv(name, value)

@@ -23,13 +23,8 @@ if TYPE_CHECKING:
     from evsdr.effects.world import Fitted, World
 
 N_PIXEL = 40  # that are asked; guessed: 60 find the same crossfades in `experiments.draws` (16, 1134, 1143, 1156, 1185, 1188)
-TAKEN = (
-    "powers",
-    "lag",
-    "shift",
-    "refractory",
-    "thresholds",
-)  # of `rig.GROUPS`: may pass for another crossfade
+# Of `rig.GROUPS`: may pass for another crossfade
+TAKEN = "powers", "lag", "shift", "refractory", "thresholds"
 FADES = 0.0, 0.05, 0.11, 0.2, 0.3, 0.4, 0.57, 0.8, 1.0  # that are tried; guessed
 BESIDE = 0.75, 1.33  # times what is told: tried first, with `QUICK` beside 0; guessed
 QUICK = 0.05, 0.17

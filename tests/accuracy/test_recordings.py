@@ -92,6 +92,8 @@ def test_128_leds(commands):
 
 
 def test_257_leds_are_too_many(commands):
+    (commands.folder / "scene.xml").write_text(scene(light=leds(256)))
+    assert open_scene(commands.folder / "scene.xml").leds.n_led == 256
     (commands.folder / "scene.xml").write_text(scene(light=leds(257)))
     assert "number of LEDs is 257;" in commands.fit_refused()
 
